@@ -62,10 +62,12 @@ static void read_options(const struct pell_scene *scene, const struct pell_metho
     for (size_t i = 0; i < scene->num_options; i++) {
         const struct pell_scene_option *o = &scene->options[i];
         const struct pell_setting knob = { o->name + 6, o->value, o->where };
+        enum pell_result res = PELL_OK;
         if (strncmp(o->name, "knobs/", 6) != 0)
-            (void) pell_knob_set(scene->ctx, pell_settings_knobs(), "render", o->where, settings, o->name, o->value);
+            res = pell_knob_set(scene->ctx, pell_settings_knobs(), "render", o->where, settings, o->name, o->value);
         else if (method)
-            (void) pell_method_configure(scene->ctx, method, &knob, 1, knobs);
+            res = pell_method_configure(scene->ctx, method, &knob, 1, knobs);
+        require(res == PELL_OK || res == PELL_ERR_INVALID || res == PELL_ERR_NOMEM);
     }
     settings->width = WIDTH;
     settings->height = HEIGHT;

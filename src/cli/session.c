@@ -3,6 +3,7 @@
 #include "cli/cli.h"
 
 #include "base/file.h"
+#include "render/pass.h"
 #include "render/renderer.h"
 
 #include <inttypes.h>
@@ -117,6 +118,7 @@ static enum exit_code apply_common(struct cli *cli, const struct pell_method *me
     for (size_t k = 0; k < common->count && code == EXIT_OK; k++) {
         const struct pell_setting *s = &common->items[k];
         const struct pell_knob *knob;
+        struct pell_knob named[2] = { 0 }; /* the knob, named as the option, for errors */
         struct pell_text owners = { .length = 0 };
         const char *text = s->value;
         char number[40], owner[80];
@@ -143,8 +145,10 @@ static enum exit_code apply_common(struct cli *cli, const struct pell_method *me
         if (value > 0.0)
             text = pell_format_number(value, true, number, sizeof(number));
         snprintf(owner, sizeof(owner), "method %s", method->name);
+        named[0] = *knob;
+        named[0].name = s->name;
         if (code == EXIT_OK)
-            code = cli_failed(cli, pell_knob_set(cli->ctx, method->knobs, owner, s->where, values, knob->name, text));
+            code = cli_failed(cli, pell_knob_set(cli->ctx, named, owner, s->where, values, s->name, text));
     }
     return code;
 }
@@ -257,7 +261,7 @@ bool session_method_ahead(struct cli *cli, const struct pell_method **method)
 static enum exit_code check_command_line(struct cli *cli)
 {
     const struct pell_setting method = { "method", certain_method(cli), "--method" };
-    const struct pell_method *found;
+    const struct pell_method *found = NULL;
     struct pell_settings settings;
     void *knobs = NULL;
     enum exit_code code = apply_settings(cli, &cli->settings, NULL, NULL, &settings);
@@ -266,6 +270,8 @@ static enum exit_code check_command_line(struct cli *cli)
         code = cli_check_knob_names(cli);
     if (code == EXIT_OK && method.value)
         code = choose_method(cli, &method, &cli->knobs, &cli->common, &found, &knobs);
+    if (code == EXIT_OK && found && !found->vulkan && cli->engine && strcmp(cli->engine, "vulkan") == 0)
+        code = cli_failed(cli, pell_engine_missing(cli->ctx, "vulkan", found));
     free(knobs);
     return code;
 }

@@ -19,10 +19,12 @@ struct pell_pass {
 
 enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_engine_interface *engine, const struct pell_method *method)
 {
-    if (engine->method(method))
-        return PELL_OK;
-    return pell_error(ctx, PELL_ERR_DEVICE, method->name, method->cpu ? "take the engine cpu" : NULL, "has no engine %s, only %s",
-                      engine->name,
+    return engine->method(method) ? PELL_OK : pell_engine_missing(ctx, engine->name, method);
+}
+
+enum pell_result pell_engine_missing(struct pell_context *ctx, const char *engine, const struct pell_method *method)
+{
+    return pell_error(ctx, PELL_ERR_DEVICE, method->name, method->cpu ? "take the engine cpu" : NULL, "has no engine %s, only %s", engine,
                       method->cpu && method->vulkan ? "cpu and vulkan"
                       : method->cpu                 ? "cpu"
                       : method->vulkan              ? "vulkan"

@@ -26,6 +26,9 @@ PELL_NODISCARD enum pell_result pell_pass_prepare(struct pell_pass *pass, const 
 PELL_NODISCARD enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_engine_interface *engine,
                                                   const struct pell_method *method);
 
+/* Logs that a method does not run on the engine of this name; returns PELL_ERR_DEVICE. */
+enum pell_result pell_engine_missing(struct pell_context *ctx, const char *engine, const struct pell_method *method);
+
 /* Sets the first p->components of `pointers` to a plane of the frame or of its output, by its row in the table of planes. */
 void pell_plane_pointers(const struct pell_plane_info *p, const struct pell_frame *in, const struct pell_frame_light *out,
                          const void *pointers[3]);

@@ -6,8 +6,6 @@
 
 #include <string.h>
 
-#define MODEL PELL_PROFILE_MONTE_CARLO /* model of profiles; closest to path-trace over materials, shapes and lights: docs/adr/0018 */
-
 enum { MESHES, MATERIALS, TEXTURES, LIGHTS, CAMERAS, OPTIONS };
 
 enum pell_result pell_scene_create(struct pell_context *ctx, struct pell_scene **out)
@@ -153,7 +151,7 @@ enum pell_result pell_scene_add_material(struct pell_scene *scene, const char *n
     m->double_sided = true;
     if (marble)
         m->medium = marble->medium;
-    m->model = MODEL;
+    m->model = PELL_MATERIAL_MODEL;
     m->mix = 0.5f;
     m->strength = 1.0f;
     m->metallic = m->roughness = 1.0f;
@@ -399,7 +397,7 @@ enum pell_result pell_material_set(struct pell_context *ctx, struct pell_materia
     pell_free(ctx, m->profile);
     m->profile = NULL;
     pell_scene_layers_finish(ctx, m);
-    m->model = MODEL;
+    m->model = PELL_MATERIAL_MODEL;
     m->color_from = entry->color_from_texture ? PELL_COLOR_FROM_TEXTURE : PELL_COLOR_FROM_PROFILE;
     m->mix = (float) entry->mix;
     /* A colour the file gives by a texture stays; a plain factor of the file would tint the entry. */

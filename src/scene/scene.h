@@ -9,6 +9,9 @@
 
 void pell_mesh_finish(struct pell_context *ctx, struct pell_mesh *mesh);
 PELL_NODISCARD enum pell_result pell_scene_add_option(struct pell_scene *scene, const char *name, const char *value, const char *where);
+/* A medium's profile model by default: closest to path-trace over materials, shapes and lights (docs/adr/0018). */
+#define PELL_MATERIAL_MODEL PELL_PROFILE_MONTE_CARLO
+
 /* Logs that no built-in material is called `name`, with the nearest one as hint. */
 enum pell_result pell_material_unknown(struct pell_context *ctx, const char *where, const char *name);
 PELL_NODISCARD enum pell_result pell_material_set(struct pell_context *ctx, struct pell_material *material,

@@ -64,9 +64,11 @@ enum pell_result pell_background_read(struct pell_context *ctx, enum pell_result
             color[c] = pell_srgb_u8[backgrounds[i].srgb];
         return PELL_OK;
     }
+    pell_printable(text, shown, sizeof(shown));
+    if (text[0] == '#')
+        return pell_error(ctx, code, where, "#f4f1ec, for example", "\"%s\" is no colour, must be #RRGGBB in hexadecimal digits", shown);
     pell_text_suggest_or_list(&hint, "allowed: #RRGGBB, ", text, names, PELL_COUNT(names));
-    return pell_error(ctx, code, where, hint.str, "there is no \"%s\", must be a name or a colour like #f4f1ec",
-                      pell_printable(text, shown, sizeof(shown)));
+    return pell_error(ctx, code, where, hint.str, "there is no \"%s\", must be a name or a colour like #f4f1ec", shown);
 }
 
 enum pell_result pell_surroundings_read(struct pell_context *ctx, const struct pell_load_params *params, struct pell_surroundings *s)

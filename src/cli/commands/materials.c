@@ -278,6 +278,8 @@ enum exit_code command_materials(struct cli *cli)
     struct pell_material_entry one = { 0 };
     enum exit_code code = EXIT_OK;
 
+    if (name && cli_is_image(name))
+        return cli_usage(cli, "materials", "`pellucid materials` lists the materials", "\"%s\" is an image, not a material", name);
     if (name) {
         const enum pell_result res = pell_material_open(cli->ctx, "materials", name, &one);
         code = res == PELL_ERR_INVALID && !pell_material_is_path(name) ? EXIT_USAGE : cli_failed(cli, res);

@@ -159,6 +159,10 @@ static enum exit_code unknown_material(struct cli *cli, const struct profile_job
     const char **names = calloc(count + 1, sizeof(*names));
     struct pell_text hint = { .length = 0 };
 
+    if (cli_is_image(name)) {
+        free(names);
+        return cli_usage(cli, "MATERIAL|FILE", NULL, "\"%s\" is an image, not a material or a table of R(r)", name);
+    }
     for (size_t i = 0; names && i < count; i++)
         names[i] = pell_material_at(i)->name;
     if (!names || !pell_text_suggest(&hint, "", name, names, count))
@@ -431,7 +435,7 @@ static void print_three(const char *name, const double v[3], const char *unit)
             printf(" %11.5g", v[c]);
         else
             printf(" %11s", "infinite");
-    printf("  %s\n", unit);
+    printf("%s%s\n", unit[0] ? "  " : "", unit);
 }
 
 static void print_gaussians(const struct cli *cli, const struct profile_job *job, const struct profile_fit *fit)
@@ -504,11 +508,36 @@ static void explain_far_errors(const struct profile_job *job)
     printf("  errors over 20 %% begin at %.4g mm, beyond which at most %.2g %% of the light leaves\n", from, 100.0 * share);
 }
 
+/* The row of a radius: R, and T of a slab or the fit's error where R is above 0. */
+static void print_radius(const struct profile_job *job, double r)
+{
+    struct pell_text row = { .length = 0 };
+
+    pell_text_add(&row, "  %-26.4g", r);
+    for (int c = 0; c < 3; c++)
+        pell_text_add(&row, " %11.4g", pell_profile_eval(&job->profile->R[c], r));
+    for (int c = 0; c < 3 && job->slab && !job->num_fits; c++)
+        pell_text_add(&row, " %11.4g", pell_profile_eval(&job->profile->T[c], r));
+    for (int c = 0; c < 3 && job->num_fits; c++) {
+        const double R = pell_profile_eval(&job->profile->R[c], r);
+        const double percent = R > 0.0 ? 100.0 * (pell_gaussians_eval(&job->fits[0].sum[c], 0, r) / R - 1.0) : NAN;
+        if (isnan(percent))
+            pell_text_add(&row, " %s%8s", c ? "" : " ", "");
+        else
+            pell_text_add(&row, " %s%8.2f", c ? "" : " ", fabs(percent) < 0.005 ? 0.0 : percent);
+    }
+    while (row.length && row.str[row.length - 1] == ' ')
+        row.str[--row.length] = '\0';
+    puts(row.str);
+}
+
 static enum exit_code answer_table(struct cli *cli, const struct profile_job *job)
 {
     double mfp[3], dmfp[3], total[3];
 
     printf("%s%s%s: %s", cli_style(cli, stdout, 1), job->name, cli_style(cli, stdout, 0), job->model);
+    if (job->has_medium && !cli->profile.model)
+        printf(" (render takes %s)", pell_profile_model_at(PELL_MATERIAL_MODEL)->name);
     if (job->has_medium)
         printf(", eta %g", job->medium.eta);
     if (job->params.roughness > 0.0)
@@ -529,21 +558,8 @@ static enum exit_code answer_table(struct cli *cli, const struct profile_job *jo
     if (job->slab)
         print_three("total transmittance", total, "");
     printf("\n  %-26s %35s%s\n", "r, mm", "R(r), 1/mm^2", job->num_fits ? "       error of the fit, % of R" : job->slab ? TRANSMITTED : "");
-    for (size_t i = 0; i < job->count; i++) {
-        printf("  %-26.4g", job->r[i]);
-        for (int c = 0; c < 3; c++)
-            printf(" %11.4g", pell_profile_eval(&job->profile->R[c], job->r[i]));
-        for (int c = 0; c < 3 && job->slab && !job->num_fits; c++)
-            printf(" %11.4g", pell_profile_eval(&job->profile->T[c], job->r[i]));
-        for (int c = 0; c < 3 && job->num_fits; c++) {
-            const double R = pell_profile_eval(&job->profile->R[c], job->r[i]);
-            if (R > 0.0)
-                printf(" %s%8.2f", c ? "" : " ", 100.0 * (pell_gaussians_eval(&job->fits[0].sum[c], 0, job->r[i]) / R - 1.0));
-            else
-                printf(" %s%8s", c ? "" : " ", "");
-        }
-        putchar('\n');
-    }
+    for (size_t i = 0; i < job->count; i++)
+        print_radius(job, job->r[i]);
     if (job->slab && job->num_fits)
         print_transmitted(job);
     if (job->num_others)

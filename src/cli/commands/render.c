@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #define MOST_FRAMES 100000
+#define INPUT_IS "INPUT must be a mesh (glTF, OBJ, PLY, STL) or a scene file (.json)"
 
 struct job {
     struct session session;
@@ -45,8 +46,9 @@ static enum exit_code choose_output(struct cli *cli, struct job *job)
                       : snprintf(job->output, sizeof(job->output), "%.*s.png", dot && dot != name ? (int) (dot - name) : 4000, name);
 
     if (!cli->output && cli_is_image(name))
-        return cli_usage(cli, "render", "to compare images: pellucid compare A B",
-                         "\"%s\" is an image; INPUT must be a mesh (glTF, OBJ, PLY, STL) or a scene file (.json)", cli->arguments[0]);
+        return cli_usage(cli, "render", "to compare images: pellucid compare A B", "\"%s\" is an image; " INPUT_IS, cli->arguments[0]);
+    if (!cli->output && !name[0])
+        return cli_usage(cli, "render", NULL, "\"%s\" is a folder; " INPUT_IS, cli->arguments[0]);
     job->no_image = part && cli->checkpoint && !cli->output && !cli->dump;
     if (n < 0 || (size_t) n + 16 >= sizeof(job->output)) /* numbers must fit, too */
         return cli_usage(cli, "--output", NULL, "a name of %d bytes is too long", n);

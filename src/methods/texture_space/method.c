@@ -29,8 +29,8 @@ static const char *const lights_names[] = { "own", "sum", NULL };
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { TS_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "size", PELL_KNOB_INT, "texels", AT(size), { 0 }, 0, 8192, NULL,
-      "side of the largest object's map, at least 16; smaller objects get smaller maps with the same texel density; 0: two texels per "
-      "pixel at the nearest point of an object, at most 1024" },
+      "side of the largest object's map, at least 16, doubled until its charts fit; smaller objects get smaller maps with the same texel "
+      "density; 0: two texels per pixel at the nearest point of an object, at most 1024" },
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 6 }, 1, PELL_GAUSSIANS_MAX, NULL,
       "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
     { "charts", PELL_KNOB_ENUM, "1", AT(charts), { TS_CHARTS_AUTO }, 0, 0, charts_names,

@@ -210,9 +210,12 @@ enum pell_result pell_json_wrong_type(const struct pell_json *at, const char *al
 
 static enum pell_result out_of_range(const struct pell_json *at, double min, double max)
 {
+    const enum pell_result code = at->file->range ? at->file->range : PELL_ERR_INVALID;
     char value[96];
-    return pell_json_error(at, at->file->range ? at->file->range : PELL_ERR_INVALID, NULL, "is %s, allowed: [%.10g, %.10g]",
-                           pell_json_value(at, value, sizeof(value)), min, max);
+
+    pell_json_value(at, value, sizeof(value));
+    return min == max ? pell_json_error(at, code, NULL, "is %s, allowed: %.10g", value, min)
+                      : pell_json_error(at, code, NULL, "is %s, allowed: [%.10g, %.10g]", value, min, max);
 }
 
 enum pell_result pell_json_is_object(const struct pell_json *at)
@@ -322,6 +325,7 @@ enum pell_result pell_json_object(const struct pell_json *parent, const char *ke
 enum pell_result pell_json_array(const struct pell_json *parent, const char *key, size_t min, size_t max, struct pell_json *out)
 {
     const bool limited = max >= (size_t) pell_context_limits(parent->file->ctx)->items;
+    struct pell_text allowed = { .length = 0 };
     size_t count;
 
     *out = pell_json_get(parent, key);
@@ -330,10 +334,14 @@ enum pell_result pell_json_array(const struct pell_json *parent, const char *key
     if (!json_is_array(out->value))
         return pell_json_wrong_type(out, "an array");
     count = json_array_size(out->value);
-    if (count < min || count > max)
-        return pell_json_error(out, out->file->range ? out->file->range : PELL_ERR_INVALID, limited ? TOO_MANY : NULL,
-                               "has %zu elements, allowed: %zu to %zu", count, min, max);
-    return PELL_OK;
+    if (count >= min && count <= max)
+        return PELL_OK;
+    if (min == max)
+        pell_text_add(&allowed, "%zu", min);
+    else
+        pell_text_add(&allowed, "%zu to %zu", min, max);
+    return pell_json_error(out, out->file->range ? out->file->range : PELL_ERR_INVALID, limited ? TOO_MANY : NULL,
+                           "has %zu elements, allowed: %s", count, allowed.str);
 }
 
 enum pell_result pell_json_number(const struct pell_json *parent, const char *key, double min, double max, double *out)

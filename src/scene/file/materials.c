@@ -546,6 +546,22 @@ fail:
     return res;
 }
 
+static enum pell_result check_materials(const struct pell_json *materials)
+{
+    const char *name;
+    json_t *value;
+
+    json_object_foreach((json_t *) materials->value, name, value)
+    {
+        const struct pell_json at = pell_json_get(materials, name);
+        char shown[96];
+        if (!json_is_object(value))
+            return pell_json_error(&at, PELL_ERR_FORMAT, json_is_string(value) ? "a built-in material: {\"preset\": \"marble\"}" : NULL,
+                                   "is %s, allowed: an object", pell_json_value(&at, shown, sizeof(shown)));
+    }
+    return PELL_OK;
+}
+
 enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struct pell_json *root)
 {
     struct by_name b = { .first = NULL };
@@ -555,6 +571,7 @@ enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struc
     enum pell_result res;
 
     PELL_TRY(pell_json_object(root, "materials", &materials));
+    PELL_TRY(check_materials(&materials));
     all = pell_json_get(&materials, "*");
     PELL_TRY(pell_scene_default_material(r->scene, all.value || pell_json_has(&materials, PELL_DEFAULT_MATERIAL)));
     if (!materials.value)

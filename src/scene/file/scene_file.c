@@ -233,7 +233,8 @@ static enum pell_result add_option(struct pell_scene_reader *r, const struct pel
             pell_text_add(&value, "%s%s", i ? "," : "", number);
         }
     } else {
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "must be a number, a text, true, false, or three numbers");
+        return pell_json_error(at, PELL_ERR_FORMAT, json_is_object(at->value) ? "knobs of the method go into \"knobs\"" : NULL,
+                               "must be a number, a text, true, false, or three numbers");
     }
     return pell_scene_add_option(r->scene, name.str, text, pell_json_where(at, &where));
 }

@@ -6,7 +6,8 @@
 
 #include <stdlib.h>
 
-#define MAX_SIZE 16384 /* texels per side */
+#define MAX_SIZE 16384    /* texels per side */
+#define LEAST_SCALE 0.125 /* of the one at which the surface would fill the map; below it, the map is borders */
 
 static int by_height(const void *p, const void *q)
 {
@@ -50,12 +51,15 @@ enum pell_result ts_atlas_pack(struct ts_atlas_build *b, struct ts_flat_chart *c
 {
     struct ts_atlas *a = b->a;
     int gutter = 0, size = b->p->size;
-    double low = 0.0;
+    double low = 0.0, full = 0.0;
 
     qsort(charts, count, sizeof(*charts), by_height);
-    /* If they do not fit in the requested size, the size is doubled. */
-    for (; low == 0.0 && size <= MAX_SIZE; size *= 2) {
-        double top = 2.0 * size / sqrt(b->total_area);
+    /* If they do not fit in the requested size at a useful scale, the size is doubled. */
+    for (; low <= LEAST_SCALE * full && size <= MAX_SIZE; size *= 2) {
+        double top;
+        full = size / sqrt(b->total_area);
+        low = 0.0;
+        top = 2.0 * full;
         gutter = 2 * b->p->border;
         if (gutter * gutter * (double) count > 0.25 * (double) size * size)
             gutter = (int) sqrt(0.25 * (double) size * size / (double) (count ? count : 1));
