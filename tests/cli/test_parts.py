@@ -14,7 +14,8 @@ import time
 from cli_test import EVENTS, PROGRAM, Skip, clean_environment, main, names, need, one_object, png_pixels, run, test, text, works
 
 TRACE = ['render', 'bunny.obj', '--unit', '1mm', '--material', 'marble', '-m', 'path-trace', '--set', EVENTS, '--set',
-         'acceleration=none', '--width', '40', '--height', '30', '--msaa', '2', '--light-samples', '1']
+         'acceleration=none', '--width', '40', '--height', '30', '--msaa', '2', '--light-samples', '1',
+         '--indirect-samples', '256']
 FEW = [*TRACE, '--samples', '28']
 
 
@@ -177,13 +178,16 @@ def _(folder):
          done.stdout)
     done = run(folder, *TRACE, '--samples', '100000', '--time-limit', '300ms', '-o', 'b.pfm')
     need(done.returncode == 0, 'without a checkpoint a time limit is an end as any', done.returncode)
-    for number, code in ((signal.SIGTERM, 75), (signal.SIGINT, 130)):
-        child = subprocess.Popen([PROGRAM, *TRACE, '--samples', '100000000', '--checkpoint', 'c.ckpt', '-o', 'c.pfm', '--progress', 'json'],
-                                 cwd=folder, env=clean_environment(), stderr=subprocess.PIPE,
+    for number, code, threads in ((signal.SIGTERM, 75, '2'), (signal.SIGINT, 130, '1')):
+        child = subprocess.Popen([PROGRAM, *TRACE, '--samples', '100000000', '--checkpoint', 'c.ckpt', '-o', 'c.pfm', '--progress', 'json',
+                                  '--threads', threads], cwd=folder, env=clean_environment(), stderr=subprocess.PIPE,
                                  preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-        time.sleep(3)
+        line, err = b'begin', b''
+        while line and not line.startswith(b'{'):  # all pixels have samples by then
+            line = child.stderr.readline()
+            err += line
         child.send_signal(number)
-        _, err = child.communicate(timeout=60)
+        err += child.communicate(timeout=60)[1]
         need(child.returncode == code and (folder / 'c.ckpt').exists() and (folder / 'c.pfm').exists(), child.returncode, err)
         lines = [json.loads(line)['progress'] for line in text(err).splitlines() if line.startswith('{')]
         need(lines and all(set(p) == {'task', 'fraction', 'seconds', 'seconds_left'} for p in lines), err)
@@ -206,7 +210,7 @@ def _(folder):
 def _(folder):
     def small():
         resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
-    for more in ([], ['-q'], ['-q', '--time-limit', '1s', '--samples', '100000000']):
+    for more in ([], ['-q'], ['-q', '--time-limit', '300ms', '--samples', '100000000']):
         done = subprocess.run([PROGRAM, *FEW, '--checkpoint', 'a.ckpt', '-o', 'a.png', *more], cwd=folder, env=clean_environment(),
                               capture_output=True, preexec_fn=small, check=False)
         need(done.returncode == 3 and done.stderr.count(b'error: a.ckpt: can\'t be written') == 1, more, done.returncode, done.stderr)
