@@ -17,7 +17,7 @@ def test_an_example_draws_its_figure(script, ball_file, tmp_path):
     pytest.importorskip("matplotlib")
     scene = tmp_path / "scene.json"
     scene.write_text(json.dumps({"pellucid": 1, "mesh": ball_file.name, "size": "40mm", "materials": {"*": {"preset": "marble"}},
-                                 "render": {"msaa": 1}}), "utf-8")
+                                 "render": {"msaa": 1, "bounces": 0}}), "utf-8")
     out = tmp_path / "figure.png"
     arguments = [str(scene), str(out)] if "def main(scene" in script.read_text("utf-8") else [str(out)]
     done = subprocess.run([sys.executable, str(script), *arguments], env={**os.environ, "MPLBACKEND": "Agg"}, capture_output=True, text=True,

@@ -196,7 +196,8 @@ def _(folder):
 def _(folder):
     def rendered(*arguments):
         return one_object(works(folder, 'render', *arguments, '--json', '-o', 'o.exr')), exr_header((folder / 'o.exr').read_bytes())[0]
-    write_scene(folder / 's.json', width=40, height=30, msaa=1, bounces=0, seed=7, exposure=2.5, tonemap='linear', knobs={'lod': 0.5, 'gaussians': 2})
+    write_scene(folder / 's.json', width=40, height=30, msaa=1, bounces=0, seed=7, exposure=2.5, tonemap='linear',
+                knobs={'lod': 0.5, 'gaussians': 2})
     answer, kept = rendered('s.json')
     need((answer['width'], answer['height'], answer['exposure']) == (40, 30, 2.5), answer)
     need(kept['pellucid.seed'] == '7' and 'tonemap=linear' in kept['pellucid.settings'], kept)
