@@ -392,7 +392,7 @@ def _(folder):
 @test('Ctrl-C during a turntable: pictures so far are whole, nothing else is left; before that a line of progress every 5 s')
 def _(folder):
     before = set(names(folder))
-    child = start(folder, *MESH, '--turntable', '100000', '--threads', '1', '-o', 't.png')
+    child = start(folder, *MESH, '--turntable', '100000', '-o', 't.png')
     line = b''
     while b'% ' not in line and b'%' not in line:
         line = child.stderr.readline()
