@@ -183,6 +183,29 @@ def png_chunks(data):
     return chunks
 
 
+def paeth(a, b, c):
+    p = a + b - c
+    da, db, dc = abs(p - a), abs(p - b), abs(p - c)
+    return a if da <= db and da <= dc else b if db <= dc else c
+
+
+def unfiltered(mode, line, above, channels):
+    """A row of a PNG file without its filter, one of types 1 to 4."""
+    if mode == 2:
+        return bytes([(x + b) & 255 for x, b in zip(line, above)])
+    done = bytearray(channels) + line  # the pixel on the left of a row is 0
+    if mode == 1:
+        for x in range(channels, len(done)):
+            done[x] = (done[x] + done[x - channels]) & 255
+    elif mode == 3:
+        for x, b in enumerate(above, channels):
+            done[x] = (done[x] + (done[x - channels] + b) // 2) & 255
+    elif mode == 4:
+        for x, (b, c) in enumerate(zip(above, bytes(channels) + above), channels):
+            done[x] = (done[x] + paeth(done[x - channels], b, c)) & 255
+    return bytes(done[channels:])
+
+
 def png_pixels(data):
     """Width, height, channels, and the rows' bytes."""
     chunks = png_chunks(data)
@@ -192,15 +215,10 @@ def png_pixels(data):
     raw = zlib.decompress(b''.join(body for name, body in chunks if name == 'IDAT'))
     stride, rows, above = width * channels, [], bytes(width * channels)
     for y in range(height):
-        mode, line = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)])
-        for x in range(stride):
-            a, b = line[x - channels] if x >= channels else 0, above[x]
-            c = above[x - channels] if x >= channels else 0
-            p = a + b - c
-            paeth = a if abs(p - a) <= abs(p - b) and abs(p - a) <= abs(p - c) else b if abs(p - b) <= abs(p - c) else c
-            line[x] = (line[x] + (0, a, b, (a + b) // 2, paeth)[mode]) & 255
-        rows.append(bytes(line))
-        above = line
+        mode, line = raw[y * (stride + 1)], raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)]
+        need(mode <= 4, f'a row has filter {mode}')
+        above = unfiltered(mode, line, above, channels) if mode else line
+        rows.append(above)
     return width, height, channels, b''.join(rows)
 
 
