@@ -735,12 +735,13 @@ def _(folder):
 
 @test('a progress bar with rate and time left on a terminal, cleared at the end')
 def _(folder):
-    width, height = (64, 36) if SANITIZED else (320, 180) # it must take a while
+    width, height = (64, 36) if SANITIZED else (160, 90) # it must take a while
     _, got, code = on_terminal(folder, ['render', 'scene.json', '--turntable', '12', '-o', 't.png', '--width', str(width), '--height',
                                         str(height), '--threads', '1', '--light-samples', '64'], clean_environment())
     need(code == 0, got)
     need(re.search(rb'\rrender \[#* *\] +\d+ %, [0-9.e+]+ %/s, \d+ s left', got), 'no bar in', got)
     last = text(got).split('\r')[-4:]  # the bar was cleared, then one message of two lines
+    need(re.search(rb'\r {20,}\r[^\r]*t_0000', got), 'the bar was not cleared in', got)
     need(f't_0000.png to t_0011.png, 12 images: {width} x {height}' in ''.join(last), last)
     _, quiet, _ = on_terminal(folder, [*MESH, '--quiet'], clean_environment())
     need(quiet == b'', quiet)
