@@ -20,7 +20,8 @@ def test_an_example_draws_its_figure(script, ball_file, tmp_path):
                                  "render": {"msaa": 1, "bounces": 0}}), "utf-8")
     out = tmp_path / "figure.png"
     arguments = [str(scene), str(out)] if "def main(scene" in script.read_text("utf-8") else [str(out)]
-    done = subprocess.run([sys.executable, str(script), *arguments], env={**os.environ, "MPLBACKEND": "Agg"}, capture_output=True, text=True,
+    environment = {**os.environ, "MPLBACKEND": "Agg"}
+    done = subprocess.run([sys.executable, str(script), *arguments], env=environment, capture_output=True, text=True,
                           check=False)
     assert done.returncode == 0 and not done.stderr, done.stderr
     assert out.read_bytes()[:4] == b"\x89PNG" and out.stat().st_size > 5000
