@@ -258,7 +258,7 @@ bool session_method_ahead(struct cli *cli, const struct pell_method **method)
 }
 
 /* Reports all errors of the command line before a large scene is read. */
-static enum exit_code check_command_line(struct cli *cli)
+static enum exit_code check_command_line(struct cli *cli, enum pell_engine engine)
 {
     const struct pell_setting method = { "method", certain_method(cli), "--method" };
     const struct pell_method *found = NULL;
@@ -270,7 +270,7 @@ static enum exit_code check_command_line(struct cli *cli)
         code = cli_check_knob_names(cli);
     if (code == EXIT_OK && method.value)
         code = choose_method(cli, &method, &cli->knobs, &cli->common, &found, &knobs);
-    if (code == EXIT_OK && found && !found->vulkan && cli->engine && strcmp(cli->engine, "vulkan") == 0)
+    if (code == EXIT_OK && found && !found->vulkan && engine == PELL_ENGINE_VULKAN)
         code = cli_failed(cli, pell_engine_missing(cli->ctx, "vulkan", found));
     free(knobs);
     return code;
@@ -475,7 +475,7 @@ static enum exit_code read_at(struct cli *cli, const char *path, const double *t
     memset(s, 0, sizeof(*s));
     code = cli_engine(cli, &params.engine);
     if (code == EXIT_OK)
-        code = check_command_line(cli);
+        code = check_command_line(cli, params.engine);
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_device_create(cli->ctx, &params, &s->device));
     if (code == EXIT_OK)

@@ -66,7 +66,7 @@ enum pell_result pell_background_read(struct pell_context *ctx, enum pell_result
     }
     pell_printable(text, shown, sizeof(shown));
     if (text[0] == '#')
-        return pell_error(ctx, code, where, "#f4f1ec, for example", "\"%s\" is no colour, must be #RRGGBB in hexadecimal digits", shown);
+        return pell_error(ctx, code, where, "#RRGGBB, in hexadecimal digits: #f4f1ec", "\"%s\" is no colour", shown);
     pell_text_suggest_or_list(&hint, "allowed: #RRGGBB, ", text, names, PELL_COUNT(names));
     return pell_error(ctx, code, where, hint.str, "there is no \"%s\", must be a name or a colour like #f4f1ec", shown);
 }

@@ -101,7 +101,7 @@ FAULTS = {
     'a side and a camera': ([*MESH, '--from', 'left', '--camera', 'front'], 2, '--from', 'one of them'),
     'a studio that is not there': ([*MESH, '--studio', 'sofd'], 2, 'sofd', 'soft'),
     'a background that is not there': ([*MESH, '--background', 'whit'], 2, 'whit', 'white'),
-    'a background that is no colour': ([*MESH, '--background', '#12345g'], 2, '#RRGGBB', '#f4f1ec'),
+    'a background that is no colour': ([*MESH, '--background', '#12345g'], 2, '#12345g', '#RRGGBB'),
     'an environment behind a scene without one': ([*MESH, '--background', 'environment'], 2, '--background', '--environment FILE'),
     'an environment that is not there': ([*MESH, '--environment', 'no.hdr'], 3, 'no.hdr', ''),
     'an environment and a studio': ([*MESH, '--environment', 'no.hdr', '--studio', 'rim'], 2, '--environment', 'one of them'),

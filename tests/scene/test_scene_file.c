@@ -698,7 +698,7 @@ static const struct {
     { SCENE(",\"camera\":{\"side\":\"10,95\"}"), "s.json:/camera/side", "10,95", "35,15" },
     { SCENE(",\"camera\":{\"side\":34}"), "s.json:/camera/side", "34", "" },
     { SCENE(",\"camera\":{\"side\":\"34\",\"fov_deg\":20}"), "s.json:/camera/fov_deg", "does not go with", "from" },
-    { SCENE(",\"background\":\"#12345\""), "s.json:/background", "\"#12345\" is no colour, must be #RRGGBB", "#f4f1ec" },
+    { SCENE(",\"background\":\"#12345\""), "s.json:/background", "\"#12345\" is no colour", "#RRGGBB" },
     { SCENE(",\"materials\":{\"*\":{\"preset\":\"marbel\"}}"), "s.json:/materials/*/preset", "no material \"marbel\"", "\"marble\"" },
     { SCENE(",\"materials\":{\"*\":{\"sigma_a\":[1,1,1]}}"), "s.json:/materials/*", "sigma_s_reduced", "" },
     { SCENE(",\"materials\":{\"*\":{\"sigma_a\":[1,1,-2],\"sigma_s_reduced\":[1,1,1]}}"), "s.json:/materials/*/sigma_a/2", "is -2", "" },

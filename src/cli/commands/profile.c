@@ -159,10 +159,6 @@ static enum exit_code unknown_material(struct cli *cli, const struct profile_job
     const char **names = calloc(count + 1, sizeof(*names));
     struct pell_text hint = { .length = 0 };
 
-    if (cli_is_image(name)) {
-        free(names);
-        return cli_usage(cli, "MATERIAL|FILE", NULL, "\"%s\" is an image, not a material or a table of R(r)", name);
-    }
     for (size_t i = 0; names && i < count; i++)
         names[i] = pell_material_at(i)->name;
     if (!names || !pell_text_suggest(&hint, "", name, names, count))
@@ -177,6 +173,8 @@ static enum exit_code open_material(struct cli *cli, struct profile_job *job, co
     struct pell_material_entry entry = { 0 };
     enum exit_code code;
 
+    if (cli_is_image(name))
+        return cli_usage(cli, "MATERIAL|FILE", NULL, "\"%s\" is an image, not a material or a table of R(r)", name);
     if (!pell_material_is_path(name) && !pell_material_find(name))
         return unknown_material(cli, job, name);
     code = cli_failed(cli, pell_material_open(cli->ctx, name, name, &entry));

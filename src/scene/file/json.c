@@ -208,9 +208,15 @@ enum pell_result pell_json_wrong_type(const struct pell_json *at, const char *al
     return pell_json_error(at, PELL_ERR_FORMAT, NULL, "is %s, allowed: %s", pell_json_value(at, value, sizeof(value)), allowed);
 }
 
+/* The code of errors of values. */
+static enum pell_result range_code(const struct pell_json *at)
+{
+    return at->file->range ? at->file->range : PELL_ERR_INVALID;
+}
+
 static enum pell_result out_of_range(const struct pell_json *at, double min, double max)
 {
-    const enum pell_result code = at->file->range ? at->file->range : PELL_ERR_INVALID;
+    const enum pell_result code = range_code(at);
     char value[96];
 
     pell_json_value(at, value, sizeof(value));
@@ -247,7 +253,7 @@ enum pell_result pell_json_only(const struct pell_json *at, const char *const *k
             continue;
         child = pell_json_get(at, key);
         pell_text_suggest_or_list(&hint, "known keys: ", key, keys, count);
-        return pell_json_error(&child, at->file->range ? at->file->range : PELL_ERR_INVALID, hint.str, "unknown key");
+        return pell_json_error(&child, range_code(at), hint.str, "unknown key");
     }
     return res;
 }
@@ -340,8 +346,7 @@ enum pell_result pell_json_array(const struct pell_json *parent, const char *key
         pell_text_add(&allowed, "%zu", min);
     else
         pell_text_add(&allowed, "%zu to %zu", min, max);
-    return pell_json_error(out, out->file->range ? out->file->range : PELL_ERR_INVALID, limited ? TOO_MANY : NULL,
-                           "has %zu elements, allowed: %s", count, allowed.str);
+    return pell_json_error(out, range_code(out), limited ? TOO_MANY : NULL, "has %zu elements, allowed: %s", count, allowed.str);
 }
 
 enum pell_result pell_json_number(const struct pell_json *parent, const char *key, double min, double max, double *out)
@@ -423,6 +428,6 @@ enum pell_result pell_json_choice(const struct pell_json *parent, const char *ke
         pell_text_add(&list, "%s%s", i ? ", " : "", names[i]);
     }
     near = pell_text_suggest(&hint, "", text, names, count);
-    return pell_json_error(&at, at.file->range ? at.file->range : PELL_ERR_INVALID, near ? hint.str : NULL, "is %s, allowed: %s",
-                           pell_json_value(&at, value, sizeof(value)), list.str);
+    return pell_json_error(&at, range_code(&at), near ? hint.str : NULL, "is %s, allowed: %s", pell_json_value(&at, value, sizeof(value)),
+                           list.str);
 }

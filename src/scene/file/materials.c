@@ -546,6 +546,7 @@ fail:
     return res;
 }
 
+/* A text in place of a material gets the form of one; the overlay reports other types. */
 static enum pell_result check_materials(const struct pell_json *materials)
 {
     const char *name;
@@ -555,9 +556,9 @@ static enum pell_result check_materials(const struct pell_json *materials)
     {
         const struct pell_json at = pell_json_get(materials, name);
         char shown[96];
-        if (!json_is_object(value))
-            return pell_json_error(&at, PELL_ERR_FORMAT, json_is_string(value) ? "a built-in material: {\"preset\": \"marble\"}" : NULL,
-                                   "is %s, allowed: an object", pell_json_value(&at, shown, sizeof(shown)));
+        if (json_is_string(value))
+            return pell_json_error(&at, PELL_ERR_FORMAT, "a built-in material: {\"preset\": \"marble\"}", "is %s, allowed: an object",
+                                   pell_json_value(&at, shown, sizeof(shown)));
     }
     return PELL_OK;
 }
