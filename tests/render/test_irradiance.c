@@ -689,10 +689,12 @@ static void a_highlight_is_the_lobe(void **state)
     }
 }
 
-/* The radiance that a plane at z = 0 reflects upwards from an area light, by 96 x 96 points of the light. */
-static double mirrored_face(const struct pell_light *light, enum pell_specular_model model, float roughness, float f0, struct pell_vec3 at)
+/* The radiance that a plane at z = 0 reflects upwards from an area light, by 96 x 96 points of the light. A roof at z = 75 hides what is
+ * seen through x < `edge` of it. */
+static double mirrored_face(const struct pell_light *light, enum pell_specular_model model, float roughness, float f0, struct pell_vec3 at,
+                            float edge)
 {
-    enum { POINTS = 96 };
+    enum { POINTS = 96, ROOF = 75 };
     const bool disc = light->type == PELL_LIGHT_DISC;
     const double half_x = disc ? light->radius : 0.5 * (double) light->width, half_y = disc ? light->radius : 0.5 * (double) light->height;
     const double up[3] = { 0.0, 0.0, 1.0 };
@@ -705,7 +707,7 @@ static double mirrored_face(const struct pell_light *light, enum pell_specular_m
                                             at),
                                l = vec3_normalize(d);
         const double to_l[3] = { l.x, l.y, l.z };
-        if (!disc || x * x + y * y <= 1.0)
+        if ((!disc || x * x + y * y <= 1.0) && at.x + d.x * ((float) ROOF - at.z) / d.z >= edge)
             sum += pell_specular_value(model, (double) roughness, (double) f0, up, to_l, up) * (double) (l.z * l.z / vec3_dot(d, d));
     }
     return (double) light->power[0] * sum * 4.0 * half_x * half_y / (POINTS * POINTS);
@@ -742,7 +744,8 @@ static void highlights_of_faces_are_integrals(void **state)
         rig_render(&r);
         for (int y = 1; y < SIZE; y += 3)
             for (int x = 1; x < SIZE; x += 3) {
-                const double v = r.light.specular[0][rig_at(&r, x, y)], e = mirrored_face(light, model, rough, f0, rig_point(&r, x, y));
+                const double v = r.light.specular[0][rig_at(&r, x, y)];
+                const double e = mirrored_face(light, model, rough, f0, rig_point(&r, x, y), -1000.0f);
                 found += v;
                 expected += e;
                 squares += (v - e) * (v - e);
@@ -752,6 +755,55 @@ static void highlights_of_faces_are_integrals(void **state)
                       disc ? "disc" : "rect", (double) rough, found / expected, sqrt(squares / n) / (expected / n));
         REQUIRE_REL(found, expected, 0.015);
         REQUIRE(sqrt(squares / n) < (model == PELL_SPECULAR_PHONG ? 0.25 : 0.09) * expected / n); /* by light points alone 0.22 */
+        rig_finish(&r);
+    }
+}
+
+/* The same below a roof over a part of the light: the lobe's own directions are occluded, not the whole light in proportion. */
+static void occluded_highlights_are_integrals(void **state)
+{
+    static const enum pell_specular_model models[] = { PELL_SPECULAR_GGX, PELL_SPECULAR_KELEMEN, PELL_SPECULAR_BLINN_PHONG };
+    const float edge = 3.0f, f0 = (0.4f / 2.4f) * (0.4f / 2.4f), rough = 0.12f;
+
+    (void) state;
+    RELEASE_ONLY();
+    for (size_t k = 0; k < 2 * PELL_COUNT(models); k++) {
+        const bool disc = k % 2 == 1;
+        double found = 0.0, expected = 0.0, squares = 0.0, all = 0.0, n = 0.0;
+        struct pell_light *light;
+        struct rig r;
+        size_t m;
+
+        rig_start(&r, SIZE, SIZE);
+        m = rig_material(&r, false);
+        r.scene->materials[m].rho_s = 1.0f;
+        r.scene->materials[m].roughness = rough;
+        r.scene->materials[m].specular = models[k / 2];
+        r.scene->materials[m].medium.eta = 1.4;
+        rig_plane(&r, m, 0, 0.0f, 100.0f);
+        rig_box(&r, m, 1, vec3(-90, -90, 75), vec3(edge, 90, 75.01f));
+        rig_camera(&r, 60.0f);
+        r.scene->cameras[0].position[2] = 20.0f; /* below the roof */
+        light = rig_light(&r, disc ? PELL_LIGHT_DISC : PELL_LIGHT_RECT, vec3(6, 4, 90), vec3(6, 4, 0), 50.0f);
+        light->width = light->height = 40.0f;
+        light->radius = 20.0f;
+        r.settings.light_samples = 16;
+        rig_render(&r);
+        for (int y = 1; y < SIZE; y += 3)
+            for (int x = 1; x < SIZE; x += 3) {
+                const double v = r.light.specular[0][rig_at(&r, x, y)];
+                const double e = mirrored_face(light, models[k / 2], rough, f0, rig_point(&r, x, y), edge);
+                all += mirrored_face(light, models[k / 2], rough, f0, rig_point(&r, x, y), -1000.0f);
+                found += v;
+                expected += e;
+                squares += (v - e) * (v - e);
+                n++;
+            }
+        print_message("# %s, %s, occluded: mean %.4f of the integral, noise %.3f of the mean\n", pell_specular_name(models[k / 2]),
+                      disc ? "disc" : "rect", found / expected, sqrt(squares / n) / (expected / n));
+        REQUIRE(expected > 0.3 * all && expected < 0.7 * all);
+        REQUIRE_REL(found, expected, 0.02);
+        REQUIRE(sqrt(squares / n) < 0.15 * expected / n);
         rig_finish(&r);
     }
 }
@@ -897,6 +949,7 @@ int main(void)
         cmocka_unit_test(a_metal_sphere_reflects_a_uniform_environment),
         cmocka_unit_test(a_highlight_is_the_lobe),
         cmocka_unit_test(highlights_of_faces_are_integrals),
+        cmocka_unit_test(occluded_highlights_are_integrals),
         cmocka_unit_test(what_emits_adds_its_radiance),
         cmocka_unit_test(the_mix_exponent_colours_what_enters),
         cmocka_unit_test(plain_data_is_the_light),

@@ -11,6 +11,7 @@
 #include "render/irradiance/device.h"
 #include "scene/material_maps.h"
 #include "scene/triangle.h"
+#include "shared/gloss.h"
 
 #include <float.h>
 #include <string.h>
@@ -123,6 +124,24 @@ static void end_turns(const struct job *job, struct packet *k, struct turns *t)
     t->aim.any_back = 0;
 }
 
+/* Adds the directions of the lobe that hit the light, and its highlight. */
+static void end_highlights(const struct job *job, const struct pell_light_data *data, struct packet *k, struct pell_gloss *gloss,
+                           struct pell_sums *sums)
+{
+    const uint32_t count = gloss->any_odds ? (uint32_t) pell_gloss_directions(data->samples) : 0;
+
+    for (uint32_t j = 0; j < count; j++) {
+        _Alignas(64) int32_t mask[PELL_LANES], visible[PELL_LANES];
+        struct pell_ray16 rays;
+
+        if (!job->kernels->reflect(data, &k->lanes, job->p->sample * count + j, gloss, mask, &rays))
+            continue;
+        pell_trace_occlusion(job, k, mask, true, &rays, visible);
+        job->kernels->reflected(visible, gloss);
+    }
+    job->kernels->end_highlights(data, &k->lanes, gloss, sums);
+}
+
 /* Adds all samples of a light; light that enters from the front goes to `front`. If the device computed that, transmission may remain. */
 static void add_light(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front,
                       struct turns *turns)
@@ -160,7 +179,7 @@ static void add_light(const struct job *job, const struct pell_light_source *sou
             transmit(job, source, &k->aim, k);
     }
     if (highlights)
-        job->kernels->end_highlights(data, &k->lanes, job->p->sample, &gloss, front);
+        end_highlights(job, data, k, &gloss, front);
 }
 
 /* --- Environments ------------------------------------------------------------------------------------------------------------- */

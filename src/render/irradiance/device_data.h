@@ -29,7 +29,7 @@
 
 #define PELL_LIT_SLICE 16  /* samples of a slice of direct.comp, */
 #define PELL_LIT_THROUGH 8 /* and of transmission.comp, which traces more rays per sample */
-#define PELL_LIT_SHINE_WORDS 3
+#define PELL_LIT_SHINE_WORDS 2
 #define PELL_LIT_THROUGH_WORDS 3
 
 /* Flags of a point: trace the visibility of the environment's smooth part; trace straight transmission; the camera sees the point. */

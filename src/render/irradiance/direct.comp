@@ -7,8 +7,8 @@ layout(local_size_x = 64) in;
 #include "render/irradiance/buffers.glsl"
 #include "visibility/wide_bvh.glsl"
 #include "render/irradiance/direct.glsl"
-#include "render/irradiance/gloss.glsl"
 #include "render/irradiance/lit_rays.glsl"
+#include "render/irradiance/gloss.glsl"
 
 // Light at a point; `rays`: traced for it.
 struct Sums {
@@ -29,13 +29,8 @@ void add(uint at, vec3 rgb, uint word)
 // State of the light's highlight from earlier slices.
 void resume(uint at, inout Shine highlight)
 {
-    const uvec4 visible = results[at], occluded = results[at + 1u];
-
-    highlight.visible = uintBitsToFloat(visible.rgb);
-    highlight.seen = int(visible.a);
-    highlight.occluded = uintBitsToFloat(occluded.rgb);
-    highlight.all = int(occluded.a);
-    highlight.unshadowed = uintBitsToFloat(results[at + 2u].rgb);
+    highlight.visible = uintBitsToFloat(results[at].rgb);
+    highlight.occluded = uintBitsToFloat(results[at + 1u].rgb);
 }
 
 // Adds the slice's samples of a light. `state`: in the results.
@@ -67,11 +62,10 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
             sums.unshadowed += min(a.intensity * (a.falloff * transmittance(p, max(a.nl, 0.0)) * max(a.nl, 0.0)), vec3(BIG));
     }
     if (highlights && (pc.flags & PELL_LIT_PAUSE) != 0u) {
-        give(state, highlight.visible, uint(highlight.seen));
-        give(state + 1u, highlight.occluded, uint(highlight.all));
-        give(state + 2u, highlight.unshadowed, 0u);
+        give(state, highlight.visible, 0u);
+        give(state + 1u, highlight.occluded, 0u);
     } else if (highlights)
-        end_highlight(light, p, highlight, sums.specular, sums.hidden);
+        end_highlight(light, p, highlight, sums.specular, sums.hidden, sums.rays);
 }
 
 // Adds the lights of environment e to its words; lights of no environment to the first words.

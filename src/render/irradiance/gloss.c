@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * gloss.c - highlights of area and point lights. Compiled once per SIMD level; plain loops over 16 lanes. The points on a light that shadow
- * rays are sent to find the occluded fraction of the highlight; its unoccluded radiance is found from these points together with directions
- * of the lobe, which need no rays.
+ * rays are sent to, and where the lobe is narrow directions of the lobe, which have rays where they hit the light.
  */
 #include "render/irradiance/lanes.h"
 
@@ -100,7 +99,7 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
                                    const int32_t *restrict visible, struct pell_gloss *restrict gloss)
 {
     const int num_points = pell_light_has_face(light) ? PELL_GLOSS_POINTS : 1;
-    _Alignas(64) float shape[N], fresnel[N], density[N], spread[N], f0_sum[2][N] = { { 0 } }, f90_sum[2][N] = { { 0 } }, l[3][N], cosine[N];
+    _Alignas(64) float shape[N], fresnel[N], density[N], spread[N], f0_sum[N] = { 0 }, f90_sum[N] = { 0 }, l[3][N], cosine[N];
 
     for (int i = 0; i < N; i++)
         spread[i] = gloss->odds[i] > 0.0f ? 0.0f : a->spread[i] * (1.0f / PELL_GLOSS_POINTS);
@@ -115,26 +114,17 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
         for (int i = 0; i < N; i++) {
             const float w = cosine[i] > 0.0f ? shape[i] * cosine[i] : 0.0f, odds = gloss->odds[i];
             const float part = odds > 0.0f ? w * odds / (odds + density[i]) : w;
-            f0_sum[0][i] += w;
-            f90_sum[0][i] += w * fresnel[i];
-            f0_sum[1][i] += part;
-            f90_sum[1][i] += part * fresnel[i];
+            f0_sum[i] += part;
+            f90_sum[i] += part * fresnel[i];
         }
-    }
-    for (int i = 0; i < N; i++) {
-        gloss->all[i] += facing[i] > 0.0f ? 1.0f : 0.0f;
-        gloss->seen[i] += facing[i] > 0.0f && visible[i] ? 1.0f : 0.0f;
     }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
             const float w = facing[i] / ((float) num_points * clipped[i]) * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
-            const float add = w * (p->f0[c][i] * f0_sum[0][i] + (1.0f - p->f0[c][i]) * f90_sum[0][i]), limited = add < BIG ? add : BIG;
-            const float part = w * (p->f0[c][i] * f0_sum[1][i] + (1.0f - p->f0[c][i]) * f90_sum[1][i]),
-                        limited_part = part < BIG ? part : BIG;
+            const float add = w * (p->f0[c][i] * f0_sum[i] + (1.0f - p->f0[c][i]) * f90_sum[i]), limited = add < BIG ? add : BIG;
             const float lit = facing[i] > 0.0f ? limited : 0.0f;
             gloss->visible[c][i] += visible[i] ? lit : 0.0f;
             gloss->occluded[c][i] += visible[i] ? 0.0f : lit;
-            gloss->unshadowed[c][i] += facing[i] > 0.0f ? limited_part : 0.0f;
         }
 }
 
@@ -164,9 +154,9 @@ static void draw(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
     }
 }
 
-/* Visibility of the light in a direction: the window of its range, 0 outside the light's area and behind it. */
+/* The light in a direction: the window of its range, 0 outside the light's area and behind it; and its distance. */
 static void intersect_light(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const float l[3][N],
-                            float *restrict hit)
+                            float *restrict hit, float *restrict distance)
 {
     const struct pell_vec4 d = light->direction, c = light->position, r = light->right, s = light->up;
     const float per_r2 = 1.0f / (r.x * r.x + r.y * r.y + r.z * r.z), per_s2 = 1.0f / (s.x * s.x + s.y * s.y + s.z * s.z);
@@ -180,35 +170,52 @@ static void intersect_light(const struct pell_light_data *restrict light, const 
         const float x = (qx * r.x + qy * r.y + qz * r.z) * per_r2, y = (qx * s.x + qy * s.y + qz * s.z) * per_s2;
         const float x2 = x * x, y2 = y * y, most = disc ? x2 + y2 : x2 > y2 ? x2 : y2;
         hit[i] = height > 0.0f && fall > 1e-12f && most <= 1.0f ? pell_light_window(far * far, d.w) : 0.0f;
+        distance[i] = far;
     }
 }
 
-/* Adds `count` directions of the lobe from `first` on to the unoccluded highlight. */
-static void mirror(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t first, int count,
-                   struct pell_gloss *restrict gloss)
+bool PELL_SIMD(pell_reflect)(const struct pell_light_data *light, const struct pell_lanes *p, uint32_t n, struct pell_gloss *gloss,
+                             int32_t *mask, struct pell_ray16 *rays)
 {
-    const float power[3] = { light->power.x, light->power.y, light->power.z };
-    const float per = (float) light->samples / (face_area(light) * (float) count);
-    _Alignas(64) float f0_sum[N] = { 0 }, f90_sum[N] = { 0 }, none[N] = { 0 }, l[3][N], density[N], hit[N], shape[N], fresnel[N];
+    _Alignas(64) float none[N] = { 0 }, l[3][N], density[N], hit[N], distance[N], shape[N], fresnel[N];
+    int32_t any = 0;
 
-    for (int j = 0; j < count; j++) {
-        draw(p, first + (uint32_t) j, l);
-        intersect_light(light, p, (const float(*)[N]) l, hit);
-        shape_lobe(p, (const float(*)[N]) l, none, shape, fresnel, density);
-        for (int i = 0; i < N; i++) {
-            const float nl = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
-            const float gl = p->gx[i] * l[0][i] + p->gy[i] * l[1][i] + p->gz[i] * l[2][i];
-            const float mu = nl > 1e-6f ? nl : 1e-6f,
-                        w = hit[i] * shape[i] * pell_lane_facing(p, i, mu, gl) / (gloss->odds[i] + density[i]);
-            const float weight = gloss->odds[i] > 0.0f && nl > 0.0f && pell_lane_fronts(p, i, gl) && w > 0.0f ? w : 0.0f;
-            f0_sum[i] += weight;
-            f90_sum[i] += weight * fresnel[i];
-        }
+    draw(p, n, l);
+    intersect_light(light, p, (const float(*)[N]) l, hit, distance);
+    shape_lobe(p, (const float(*)[N]) l, none, shape, fresnel, density);
+    for (int i = 0; i < N; i++) {
+        const float nl = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
+        const float gl = p->gx[i] * l[0][i] + p->gy[i] * l[1][i] + p->gz[i] * l[2][i];
+        const float mu = nl > 1e-6f ? nl : 1e-6f, w = hit[i] * shape[i] * pell_lane_facing(p, i, mu, gl) / (gloss->odds[i] + density[i]);
+        const bool lit = gloss->odds[i] > 0.0f && nl > 0.0f && pell_lane_fronts(p, i, gl) && w > 0.0f;
+        gloss->direction[0][i] = lit ? w : 0.0f;
+        gloss->direction[1][i] = lit ? w * fresnel[i] : 0.0f;
+        mask[i] = -(int32_t) lit;
+        any |= mask[i];
     }
-    for (int c = 0; c < 3; c++)
+    for (int i = 0; i < N; i++) {
+        rays->ox[i] = p->ox[i];
+        rays->oy[i] = p->oy[i];
+        rays->oz[i] = p->oz[i];
+        rays->dx[i] = l[0][i];
+        rays->dy[i] = l[1][i];
+        rays->dz[i] = l[2][i];
+        rays->tnear[i] = 0.0f;
+        rays->tfar[i] = 0.9999f * distance[i];
+        rays->time[i] = 0.0f;
+        rays->mask[i] = PELL_RAY_ALL;
+        rays->id[i] = 0;
+        rays->flags[i] = 0;
+    }
+    return any != 0;
+}
+
+void PELL_SIMD(pell_reflected)(const int32_t *visible, struct pell_gloss *gloss)
+{
+    for (int f = 0; f < 2; f++)
         for (int i = 0; i < N; i++) {
-            const float add = power[c] * per * p->tint[c][i] * (p->f0[c][i] * f0_sum[i] + (1.0f - p->f0[c][i]) * f90_sum[i]);
-            gloss->unshadowed[c][i] += add < BIG ? add : BIG;
+            gloss->mirrored[f][i] += visible[i] ? gloss->direction[f][i] : 0.0f;
+            gloss->mirrored_occluded[f][i] += visible[i] ? 0.0f : gloss->direction[f][i];
         }
 }
 
@@ -224,28 +231,33 @@ void PELL_SIMD(pell_begin_highlights)(const struct pell_light_data *light, const
         const float angle = area * height / ((d2 > TINY ? d2 : TINY) * sqrtf(d2 > TINY ? d2 : TINY));
         const float odds = pell_gloss_odds(angle, p->width2[i], p->nv[i], points, directions);
         gloss->odds[i] = p->valid[i] && height > 0.0f && p->model[i] != PELL_SPECULAR_PHONG ? odds : 0.0f;
+        gloss->any_odds |= gloss->odds[i] > 0.0f;
     }
 }
 
-void PELL_SIMD(pell_end_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, uint32_t sample,
-                                    struct pell_gloss *gloss, struct pell_sums *sums)
+/* The light of directions of the lobe from the sums of their factors; `per`: each direction's share of the light. */
+static float mirrored(const struct pell_light_data *light, const struct pell_lanes *p, float per, const float sums[2][N], int c, int i)
 {
-    const int count = pell_gloss_directions(light->samples);
-    bool any = false;
+    const float power = c == 0 ? light->power.x : c == 1 ? light->power.y : light->power.z;
+    const float add = power * per * p->tint[c][i] * (p->f0[c][i] * sums[0][i] + (1.0f - p->f0[c][i]) * sums[1][i]);
 
-    for (int i = 0; i < N; i++)
-        any |= gloss->odds[i] > 0.0f;
-    if (any)
-        mirror(light, p, sample * (uint32_t) count, count, gloss);
+    return add < BIG ? add : BIG;
+}
+
+void PELL_SIMD(pell_end_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, const struct pell_gloss *gloss,
+                                    struct pell_sums *sums)
+{
+    const bool face = pell_light_has_face(light);
+    const float per = (float) light->samples / (face ? face_area(light) * (float) pell_gloss_directions(light->samples) : 1.0f);
+
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float visible = gloss->visible[c][i], found = visible + gloss->occluded[c][i],
-                        all = gloss->all[i] > 0.0f ? gloss->all[i] : 1.0f;
-            const float seen = found > 0.0f ? visible / found : gloss->seen[i] / all,
-                        reflected = gloss->odds[i] > 0.0f ? seen * gloss->unshadowed[c][i] : visible;
-            sums->specular[c][i] += reflected;
-            sums->hidden[c][i] += !pell_light_has_face(light) ? 0.0f
-                                  : gloss->odds[i] > 0.0f     ? gloss->unshadowed[c][i] - reflected
-                                                              : gloss->occluded[c][i];
+            sums->specular[c][i] += gloss->visible[c][i];
+            sums->hidden[c][i] += face ? gloss->occluded[c][i] : 0.0f;
+        }
+    for (int c = 0; c < 3 && gloss->any_odds; c++)
+        for (int i = 0; i < N; i++) {
+            sums->specular[c][i] += mirrored(light, p, per, gloss->mirrored, c, i);
+            sums->hidden[c][i] += mirrored(light, p, per, gloss->mirrored_occluded, c, i);
         }
 }

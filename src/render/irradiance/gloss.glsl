@@ -10,12 +10,10 @@ struct Gloss {
     int model;
 };
 
-// The highlight of one light: by visible and by occluded points on the light; by points and directions of the lobe together, without
-// occlusion. Number of visible points, and of points that face the surface.
+// The highlight of one light by visible and by occluded points on the light, with their MIS weights.
 struct Shine {
-    vec3 visible, occluded, unshadowed;
+    vec3 visible, occluded;
     float odds; // pell_gloss_odds
-    int seen, all;
 };
 
 Gloss gloss_of(Point p)
@@ -55,7 +53,7 @@ Shine begin_highlight(pell_light_data light, Point p)
 {
     const vec3 to = p.position - light.position.xyz;
     const float height = dot(to, light.direction.xyz), d2 = max(dot(to, to), TINY);
-    Shine shine = Shine(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0, 0);
+    Shine shine = Shine(vec3(0.0), vec3(0.0), 0.0);
 
     if (p.highlights && light.environment < 0 && light.image < 0 && is_flat(light) && height > 0.0) {
         const Gloss gloss = gloss_of(p);
@@ -73,7 +71,7 @@ void add_highlight(pell_light_data light, Point p, Aim a, bool visible, inout Sh
     const float mu = max(a.nl, 1e-6), facing = facing_at(p, a.gl, mu);
     const float spread = shine.odds > 0.0 ? 0.0 : a.spread * (1.0 / float(PELL_GLOSS_POINTS));
     const Gloss gloss = gloss_of(p);
-    vec2 all = vec2(0.0), part = vec2(0.0); // factors of f0 and of 1 - f0
+    vec2 sum = vec2(0.0); // factors of f0 and of 1 - f0
 
     if (!(facing > 0.0) || !(visible || is_flat(light)))
         return;
@@ -89,24 +87,21 @@ void add_highlight(pell_light_data light, Point p, Aim a, bool visible, inout Sh
         if (cosine > 0.0) {
             const vec3 lobe = shape_lobe(gloss, p.normal, l, spread);
             const vec2 add = lobe.x * cosine * vec2(1.0, lobe.y);
-            all += add;
-            part += shine.odds > 0.0 ? add * (shine.odds / (shine.odds + lobe.z)) : add;
+            sum += shine.odds > 0.0 ? add * (shine.odds / (shine.odds + lobe.z)) : add;
         }
     }
     const vec3 w = facing / (float(num_points) * mu) * a.falloff * a.intensity * gloss.tint;
-    const vec3 lit = min(w * (gloss.f0 * all.x + (1.0 - gloss.f0) * all.y), vec3(BIG));
-    shine.all++;
-    shine.seen += visible ? 1 : 0;
+    const vec3 lit = min(w * (gloss.f0 * sum.x + (1.0 - gloss.f0) * sum.y), vec3(BIG));
     shine.visible += visible ? lit : vec3(0.0);
     shine.occluded += visible ? vec3(0.0) : lit;
-    shine.unshadowed += min(w * (gloss.f0 * part.x + (1.0 - gloss.f0) * part.y), vec3(BIG));
 }
 
-// Visibility of the light in a direction: the window of its range, 0 outside the light's area and behind it.
-float intersect_light(pell_light_data light, vec3 position, vec3 l)
+// The light in a direction: the window of its range, 0 outside the light's area and behind it; and its distance.
+float intersect_light(pell_light_data light, vec3 position, vec3 l, out float far)
 {
     const vec3 to = position - light.position.xyz, r = light.right.xyz, s = light.up.xyz;
-    const float height = dot(to, light.direction.xyz), fall = -dot(l, light.direction.xyz), far = height / max(fall, 1e-12);
+    const float height = dot(to, light.direction.xyz), fall = -dot(l, light.direction.xyz);
+    far = height / max(fall, 1e-12);
     const vec3 q = to + far * l;
     const float x = dot(q, r) / dot(r, r), y = dot(q, s) / dot(s, s);
     const float most = light.type == PELL_LIGHT_DATA_DISC ? x * x + y * y : max(x * x, y * y);
@@ -114,8 +109,8 @@ float intersect_light(pell_light_data light, vec3 position, vec3 l)
     return height > 0.0 && fall > 1e-12 && most <= 1.0 ? pell_light_window(far * far, light.direction.w) : 0.0;
 }
 
-// Adds directions of the lobe.
-vec3 mirrored(pell_light_data light, Point p, float odds)
+// Adds the directions of the lobe that hit the light.
+void add_mirrored(pell_light_data light, Point p, float odds, inout vec3 specular, inout vec3 hidden, inout uint rays)
 {
     const int count = pell_gloss_directions(light.samples);
     const vec3 n = p.normal;
@@ -123,7 +118,7 @@ vec3 mirrored(pell_light_data light, Point p, float odds)
     const vec3 aslant = gloss.view - dot(n, gloss.view) * n;
     const float square = dot(aslant, aslant);
     vec3 t, b;
-    vec2 sum = vec2(0.0); // factors of f0 and of 1 - f0
+    vec2 visible = vec2(0.0), occluded = vec2(0.0); // factors of f0 and of 1 - f0
 
     basis_of(n, t, b);
     if (square > 1e-8) { // relative to the plane of incidence, so that a rotated scene has the same directions
@@ -136,28 +131,32 @@ vec3 mirrored(pell_light_data light, Point p, float odds)
                                             pell_unit_float(pell_sobol1(index) ^ p.pattern.y));
         const pell_half_vector drawn = pell_half_vector_at(gloss.width2, at.x, at.y);
         const vec3 h = drawn.x * t + drawn.y * b + drawn.z * n, l = 2.0 * dot(h, gloss.view) * h - gloss.view;
-        const float nl = dot(n, l), gl = dot(p.geometric, l), hit = intersect_light(light, p.position, l);
+        const float nl = dot(n, l), gl = dot(p.geometric, l);
+        float far;
+        const float hit = intersect_light(light, p.position, l, far);
 
         if (hit > 0.0 && nl > 0.0 && (gl > 0.0 || p.lifted)) {
             const vec3 lobe = shape_lobe(gloss, n, l, 0.0);
-            sum += max(hit * lobe.x * facing_at(p, gl, max(nl, 1e-6)) / (odds + lobe.z), 0.0) * vec2(1.0, lobe.y);
+            const vec2 add = hit * lobe.x * facing_at(p, gl, max(nl, 1e-6)) / (odds + lobe.z) * vec2(1.0, lobe.y);
+            if (add.x > 0.0) {
+                rays++;
+                if (is_unoccluded(p.origin, l, 0.9999 * far))
+                    visible += add;
+                else
+                    occluded += add;
+            }
         }
     }
     const vec3 radiance = light.power.rgb * (float(light.samples) / (face_area(light) * float(count)));
-    return min(radiance * gloss.tint * (gloss.f0 * sum.x + (1.0 - gloss.f0) * sum.y), vec3(BIG));
+    specular += min(radiance * gloss.tint * (gloss.f0 * visible.x + (1.0 - gloss.f0) * visible.y), vec3(BIG));
+    hidden += min(radiance * gloss.tint * (gloss.f0 * occluded.x + (1.0 - gloss.f0) * occluded.y), vec3(BIG));
 }
 
 // Adds the highlight once all samples of the light are in `shine`.
-void end_highlight(pell_light_data light, Point p, Shine shine, inout vec3 specular, inout vec3 hidden)
+void end_highlight(pell_light_data light, Point p, Shine shine, inout vec3 specular, inout vec3 hidden, inout uint rays)
 {
-    if (shine.odds > 0.0) {
-        const vec3 unshadowed = shine.unshadowed + mirrored(light, p, shine.odds), found = shine.visible + shine.occluded;
-        const float fraction = float(shine.seen) / float(max(shine.all, 1));
-        const vec3 seen = mix(vec3(fraction), shine.visible / max(found, vec3(1e-37)), greaterThan(found, vec3(0.0)));
-        specular += seen * unshadowed;
-        hidden += unshadowed - seen * unshadowed;
-    } else {
-        specular += shine.visible;
-        hidden += is_flat(light) ? shine.occluded : vec3(0.0);
-    }
+    specular += shine.visible;
+    hidden += is_flat(light) ? shine.occluded : vec3(0.0);
+    if (shine.odds > 0.0)
+        add_mirrored(light, p, shine.odds, specular, hidden, rays);
 }

@@ -647,5 +647,14 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
 
 extern const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels);
 const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels) = {
-    load, aim, front, PELL_SIMD(pell_begin_highlights), PELL_SIMD(pell_end_highlights), unshadowed, store, shadow_rays,
+    load,
+    aim,
+    front,
+    PELL_SIMD(pell_begin_highlights),
+    PELL_SIMD(pell_reflect),
+    PELL_SIMD(pell_reflected),
+    PELL_SIMD(pell_end_highlights),
+    unshadowed,
+    store,
+    shadow_rays,
 };

@@ -122,10 +122,11 @@ static inline bool pell_light_in_table(const struct pell_light_data *light)
 
 /* Samples of the highlight of one light. */
 struct pell_gloss {
-    _Alignas(64) float visible[3][16], occluded[3][16]; /* by points of the light that are visible, and that are occluded */
-    float unshadowed[3][16];                            /* by points and directions of the lobe, without occlusion */
+    _Alignas(64) float visible[3][16], occluded[3][16]; /* by points of the light, with their MIS weights */
     float odds[16];                                     /* pell_gloss_odds */
-    float seen[16], all[16];                            /* number of visible points; of those that face the surface */
+    bool any_odds;
+    float direction[2][16]; /* current direction of the lobe: its factors of F0 and of 1 - F0, 0 where it misses the light; */
+    float mirrored[2][16], mirrored_occluded[2][16]; /* the sums of these factors */
 };
 
 /* Tables as flat arrays, for gathers. */
@@ -146,8 +147,12 @@ struct pell_shade_kernels {
     void (*front)(const struct pell_light_data *light, const struct pell_shade_tables *tables, const struct pell_lanes *lanes,
                   const struct pell_aim *aim, const int32_t *visible, struct pell_gloss *gloss, struct pell_sums *sums);
     void (*begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *lanes, struct pell_gloss *gloss);
-    /* Adds the highlight of a light after all of its samples were added to `gloss`. `sample`: index of the multisample. */
-    void (*end_highlights)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t sample, struct pell_gloss *gloss,
+    /* Makes the rays of direction `n` of the lobe, in the lanes of `mask`: those that hit the light. Returns false if there are none. */
+    bool (*reflect)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t n, struct pell_gloss *gloss,
+                    int32_t *mask, struct pell_ray16 *rays);
+    void (*reflected)(const int32_t *visible, struct pell_gloss *gloss);
+    /* Adds the highlight of a light after all of its samples were added to `gloss`. */
+    void (*end_highlights)(const struct pell_light_data *light, const struct pell_lanes *lanes, const struct pell_gloss *gloss,
                            struct pell_sums *sums);
     /* Adds entering light without occlusion to sums->unshadowed. */
     void (*unshadowed)(const struct pell_shade_tables *tables, const struct pell_lanes *lanes, const struct pell_aim *aim,

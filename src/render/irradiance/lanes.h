@@ -36,7 +36,10 @@ static inline float pell_lane_facing(const struct pell_lanes *p, int i, float nl
 void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *light, const struct pell_lanes *p, const struct pell_aim *a,
                                    const float *facing, const float *clipped, const int32_t *visible, struct pell_gloss *gloss);
 void PELL_SIMD(pell_begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_gloss *gloss);
-void PELL_SIMD(pell_end_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, uint32_t sample,
-                                    struct pell_gloss *gloss, struct pell_sums *sums);
+bool PELL_SIMD(pell_reflect)(const struct pell_light_data *light, const struct pell_lanes *p, uint32_t n, struct pell_gloss *gloss,
+                             int32_t *mask, struct pell_ray16 *rays);
+void PELL_SIMD(pell_reflected)(const int32_t *visible, struct pell_gloss *gloss);
+void PELL_SIMD(pell_end_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, const struct pell_gloss *gloss,
+                                    struct pell_sums *sums);
 
 #endif
