@@ -70,7 +70,8 @@ struct pell_scene_materials {
     size_t count;                      /* in `frame`, without the copies below */
     size_t count_apart;                /* including copies for further objects of a material */
     uint16_t *of_mesh;        /* per mesh: the frame's material + 1 used by its object alone, or 0; NULL: no two objects share a material */
-    float (*total)[3];        /* per scene material: total reflectance of its profile */
+    float (*total)[3];        /* per scene material: total reflectance of its profile, */
+    float (*radius)[3];       /* and its mean radius times the material's strength, mm; 0: opaque */
     struct pell_angle *angle; /* per scene material */
     struct pell_separate_single *separate;         /* per scene material: single scattering, if it is excluded from the profile */
     struct pell_angle *angle_without_single;       /* per scene material: `angle` of the profile without single scattering */

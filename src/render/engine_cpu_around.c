@@ -22,7 +22,7 @@ void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_samp
     int64_t pixels;
 
     for (int c = 0; c < 3; c++) {
-        params.normal[c] = e->surface.ng[c];
+        params.normal[c] = e->surface.ns[c];
         params.hidden[c] = e->lighting.hidden[c];
         params.hidden[3 + c] = e->lighting.lost[c];
         params.light[c] = e->lighting.specular[c];

@@ -26,6 +26,7 @@ static void drop_materials(struct pell_renderer *r)
     pell_free(r->ctx, m->frame);
     pell_free(r->ctx, m->of_mesh);
     pell_free(r->ctx, m->total);
+    pell_free(r->ctx, m->radius);
     pell_free(r->ctx, m->angle);
     pell_free(r->ctx, m->thickness);
     pell_free(r->ctx, m->separate);
@@ -64,13 +65,14 @@ static enum pell_result make_materials(struct pell_renderer *r)
     out->frame_index = pell_calloc(r->ctx, n + 1, sizeof(*out->frame_index));
     out->frame = pell_calloc(r->ctx, n, sizeof(*out->frame));
     out->total = pell_calloc(r->ctx, n, sizeof(*out->total));
+    out->radius = pell_calloc(r->ctx, n, sizeof(*out->radius));
     out->angle = pell_calloc(r->ctx, n, sizeof(*out->angle));
     out->thickness = pell_calloc(r->ctx, n, sizeof(*out->thickness));
     out->separate = pell_calloc(r->ctx, n, sizeof(*out->separate));
     out->angle_without_single = pell_calloc(r->ctx, n, sizeof(*out->angle_without_single));
     out->stack = pell_calloc(r->ctx, n, sizeof(*out->stack));
-    if (!out->frame_index || !out->frame || !out->total || !out->angle || !out->thickness || !out->separate || !out->angle_without_single ||
-        !out->stack)
+    if (!out->frame_index || !out->frame || !out->total || !out->radius || !out->angle || !out->thickness || !out->separate ||
+        !out->angle_without_single || !out->stack)
         goto fail;
     for (size_t i = 0; i < n; i++) {
         const struct pell_material *m = &scene->materials[i];
@@ -270,6 +272,7 @@ static enum pell_result make_profiles(struct pell_renderer *r)
         frame[at - 1].profile = of->all;
         if (k < i) {
             memcpy(r->materials.total[i], r->materials.total[k], sizeof(r->materials.total[i]));
+            memcpy(r->materials.radius[i], r->materials.radius[k], sizeof(r->materials.radius[i]));
             r->materials.angle[i] = r->materials.angle[k];
             r->materials.separate[i] = r->materials.separate[k];
             r->materials.angle_without_single[i] = r->materials.angle_without_single[k];
@@ -277,8 +280,10 @@ static enum pell_result make_profiles(struct pell_renderer *r)
         }
         if (r->settings.angles)
             fill_angle(&frame[at - 1], pell_scatters_by_medium(m, &frame[at - 1]), &r->materials.angle[i]);
-        for (int c = 0; c < 3; c++)
+        for (int c = 0; c < 3; c++) {
             r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
+            r->materials.radius[i][c] = m->strength * (float) pell_profile_mean_radius(&frame[at - 1].profile[c]);
+        }
         r->materials.separate[i] = (struct pell_separate_single) { .inverse_eta2 = 0.0f };
         r->materials.angle_without_single[i] = r->settings.angles ? r->materials.angle[i] : no_angle;
         if (frame[at - 1].white)

@@ -137,6 +137,21 @@ static void smooth(struct stage *s)
     s->settings.angles = true;
 }
 
+/* Penumbras on surfaces that blur light by less than a pixel, by one to two pixels, and by more. */
+static void small_radii(struct stage *s)
+{
+    size_t fine, middle, wide, bar;
+
+    stage_gaussians(s, 0.01, &fine);
+    stage_gaussians(s, 1.0, &middle);
+    stage_gaussians(s, 16.0, &wide);
+    stage_opaque(s, 0.5f, &bar);
+    two_objects(s, fine, middle);
+    stage_box(s, wide, 2, vec3(-20, -16, 8), vec3(-12, -8, 14));
+    stage_box(s, bar, 3, vec3(8, 6, 22), vec3(12, 24, 26));
+    stage_light(s, PELL_LIGHT_RECT, vec3(40, 30, 60), vec3(0, 0, 0), 0.01f);
+}
+
 /* All effects of solids: curvature on fine and coarse triangles, thin parts, transmission and light between objects. */
 static void solids(struct stage *s)
 {
@@ -361,6 +376,7 @@ static const struct {
     { "orthographic", orthographic, "screen-space", { NULL } },
     { "lobes, metal, colours", surfaces, "screen-space", { NULL } },
     { "smooth boundaries", smooth, "screen-space", { NULL } },
+    { "small radii", small_radii, "screen-space", { NULL } },
     { "solids", solids, "screen-space", { NULL } },
     { "thin parts", thin_parts, "screen-space", { NULL } },
     { "maps", maps, "screen-space", { NULL } },

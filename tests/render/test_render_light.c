@@ -387,6 +387,53 @@ static void lights_add_up(void **state)
     }
 }
 
+/* Noise along a wall's penumbra, relative to the mean of the light there. `scale`: mm of a pixel. */
+static double grain_beside_a_wall(const char *method, float scale)
+{
+    enum { WIDTH = 64, HEIGHT = 64 };
+    double squares = 0.0, sum = 0.0, n = 0.0;
+    struct shot shot;
+    struct stage s;
+    size_t stone, wall;
+
+    stage_start(&s, WIDTH, HEIGHT);
+    stage_medium(&s, "marble", &stone);
+    stage_opaque(&s, 0.0f, &wall);
+    stage_box(&s, stone, 0, vec3(-60 * scale, -60 * scale, -20 * scale), vec3(60 * scale, 60 * scale, 0));
+    stage_box(&s, wall, 1, vec3(0, -400 * scale, 0), vec3(scale, 400 * scale, 40 * scale));
+    stage_camera(&s, vec3(-30 * scale, 0, 200 * scale), vec3(-30 * scale, 0, 0), 0.4f, HEIGHT * scale);
+    stage_light(&s, PELL_LIGHT_RECT, vec3(100 * scale, 0, 120 * scale), vec3(0, 0, 0), 1.0f);
+    s.scene->lights[0].width = s.scene->lights[0].height = 80.0f * scale;
+    s.settings.light_samples = 4;
+    s.settings.layers = true;
+    shot = stage_shot_of(&s, method, NULL);
+    for (int y = 8; y < HEIGHT - 8; y++)
+        for (int x = 8; x < WIDTH - 8; x++) {
+            const double here = shot_at(&shot, SHOT_MULTIPLE, x, y);
+            const double bend = shot_at(&shot, SHOT_MULTIPLE, x, y - 1) - 2.0 * here + shot_at(&shot, SHOT_MULTIPLE, x, y + 1);
+            squares += bend * bend / 6.0;
+            sum += here;
+            n++;
+        }
+    shot_free(&shot);
+    stage_finish(&s);
+    return sqrt(squares / n) / (sum / n);
+}
+
+/* Light that the profile blurs over many pixels has no grain; where it blurs less than a pixel, pixels share their shadows. */
+static void shadows_have_no_grain_at_any_scale(void **state)
+{
+    static const float scales[] = { 0.1f, 0.6f, 10.0f };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(scales); i++) {
+        const double grain = grain_beside_a_wall("screen-space", scales[i]);
+        print_message("# %g mm a pixel: grain %.4f\n", (double) scales[i], grain);
+        REQUIRE(grain < 0.1); /* unfiltered, 0.41 at 10 mm */
+    }
+    REQUIRE(grain_beside_a_wall("none", 0.1f) < 0.1); /* 0.50 */
+}
+
 static void turn(float v[3], struct pell_vec3 axis, double angle)
 {
     const struct pell_vec3 a = vec3_load(v), k = vec3_normalize(axis);
@@ -675,6 +722,7 @@ int main(void)
         cmocka_unit_test(white_solid_with_highlights_in_a_uniform_environment),
         cmocka_unit_test(half_lit_plane_is_the_analytic_step),
         cmocka_unit_test(lights_add_up),
+        cmocka_unit_test(shadows_have_no_grain_at_any_scale),
         cmocka_unit_test(a_picture_turns_with_its_scene),
         cmocka_unit_test(metered_exposure_shows_white_as_white_and_ketchup_dark),
         cmocka_unit_test(few_rays_draw_a_large_lights_reflection),

@@ -162,7 +162,8 @@ float shown(float x)
     const float wide = pell_spread_path_fraction(x) * pell_spread_gaussian_fraction(x, 0.0f, 1.0f, 4.0f) * pell_spread_weight(x, up, 0.1f) +
                        pell_spread_straight(pell_spread_pack(right, x) + pell_spread_pack_sums(right, x, up));
     const float seen = pell_highlights_visibility(x, up, 4.0f), alike = pell_highlights_weight(0.9f, x, 2.0f);
-    return bent + left + wide + curved(right, x) + mapped(x) + pell_highlights_filtered(x, up, seen, right, alike);
+    return bent + left + wide + curved(right, x) + mapped(x) + pell_highlights_filtered(x, up, seen, right, alike) +
+           pell_highlights_share(x, up);
 }
 
 float around(vec3 n)

@@ -5,8 +5,9 @@
  * A few shadow rays sample which points of a light are hidden: in penumbras highlights are many times as noisy as all other light, and the
  * ground is grainy. The light without shadows is known accurately, and varies quickly; its hidden fraction varies slowly. The fraction is
  * averaged over all pixels around, weighted by their light without shadows (a ratio estimator: E. Heitz, S. Hill and M. McGuire, "Combining
- * Analytic Direct Illumination and Stochastic Shadows", I3D 2018), separately for highlights and for light on opaque surfaces; only over
- * the nearest pixels where these differ from the others by more than noise, as at sharp edges of shadows.
+ * Analytic Direct Illumination and Stochastic Shadows", I3D 2018), separately for highlights and for entering light, as far as the
+ * surface does not spread that over more pixels (pell_highlights_share); only over the nearest pixels where these differ from the others by
+ * more than noise, as at sharp edges of shadows.
  *
  * Threads: one call at a time per set of planes.
  */
@@ -22,7 +23,7 @@ struct pell_highlights_params {
     struct pell_rect rect; /* bounds of the covered pixels */
     ptrdiff_t stride;      /* of all planes */
     const uint16_t *material;
-    const float *depth, *normal[3];            /* mm; of the triangle */
+    const float *depth, *normal[3];            /* mm; shading normal */
     float *light[PELL_HIGHLIGHTS_SUMS];        /* specular and irradiance of struct pell_lighting: modified in place */
     const float *hidden[PELL_HIGHLIGHTS_SUMS]; /* hidden and lost */
     int rays;                                  /* per pixel and light: more rays mean less noise */

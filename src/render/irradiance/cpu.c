@@ -12,6 +12,7 @@
 #include "scene/material_maps.h"
 #include "scene/triangle.h"
 #include "shared/gloss.h"
+#include "shared/highlights.h"
 
 #include <float.h>
 #include <string.h>
@@ -374,9 +375,23 @@ static void exclude_emissive(const struct job *job, struct packet *k)
     }
 }
 
+/* Leaves to the method what its blur smooths. */
+static void share_lost(const struct job *job, struct packet *k)
+{
+    const struct pell_view *v = job->p->view;
+
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < k->count; i++) {
+            const float pixel_mm = (v->orthographic ? 1.0f : job->p->surface->depth[k->index[i]]) / v->focal_px;
+            k->sums.lost[c][i] *= pell_highlights_share(job->p->radius[k->material[i]][c], pixel_mm);
+        }
+}
+
 static void shade_packet(const struct job *job, struct packet *k)
 {
     shade_side(job, k);
+    if (job->p->shared && job->p->radius)
+        share_lost(job, k);
     if (job->p->shared && job->p->surface->any_emissive)
         exclude_emissive(job, k);
     if (k->lanes.any_thin)

@@ -630,7 +630,7 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
         if (out->hidden[c]) {
             scatter(sums->hidden[c], index, count, rows, out->hidden[c]);
             for (int i = 0; i < N; i++)
-                lost[i] = p->opaque[i] ? sums->lost[c][i] * p->albedo[c][i] : 0.0f;
+                lost[i] = sums->lost[c][i] * p->albedo[c][i];
             scatter(lost, index, count, rows, out->lost[c]);
         }
     }

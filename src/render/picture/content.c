@@ -9,7 +9,7 @@
 
 #define AT(type, member, bytes) (offsetof(struct type, member) == (bytes))
 _Static_assert(sizeof(struct pell_picture_frame) == 144 && AT(pell_picture_frame, width, 64) && AT(pell_picture_frame, flags, 96) &&
-                   sizeof(struct pell_picture_material) == 144 && AT(pell_picture_material, flags, 128) &&
+                   sizeof(struct pell_picture_material) == 160 && AT(pell_picture_material, flags, 144) &&
                    sizeof(struct pell_picture_hit) == 80 && AT(pell_picture_hit, mesh, 64) && sizeof(struct pell_picture_inside) == 128 &&
                    sizeof(struct pell_picture_shown) == 32 && sizeof(struct pell_picture_around) == 64 &&
                    sizeof(struct pell_picture_row) == 64 && sizeof(struct pell_picture_push) == 20 && sizeof(struct pell_spread_push) == 52,
@@ -86,6 +86,7 @@ static struct pell_picture_material material_of(const struct pell_picture_sample
         .exit_slope = rgb_and(angle ? angle->exit_slope : none, boundary->mean),
         .enter_mean = rgb_and(angle ? angle->enter_mean : one, angle ? angle->inverse_eta2 : 1.0f),
         .sheet = rgb_and(m->diffuse_transmission_color, pell_material_is_thin(m) ? m->diffuse_transmission : 0.0f),
+        .radius = rgb_and(s->irradiance->radius ? s->irradiance->radius[i] : none, 0.0f),
         .flags = (m->opaque ? PELL_PICTURE_OPAQUE : 0u) | (textured ? PELL_PICTURE_TEXTURED : 0u) |
                  (p->smooth && !m->opaque ? PELL_PICTURE_SMOOTH : 0u) | (m->specular == PELL_SPECULAR_KELEMEN ? PELL_PICTURE_WHOLE : 0u),
         .normal_scale = m->normal_scale,

@@ -72,6 +72,7 @@ struct pell_picture_material {
     PELL_VEC4 exit_slope; /* w: mean transmittance of its smooth boundary */
     PELL_VEC4 enter_mean; /* w: 1 over the square of its index, for light that leaves */
     PELL_VEC4 sheet;      /* transmission of a thin sheet; w: its fraction; 0: not a thin sheet */
+    PELL_VEC4 radius;     /* mean radius of its profile, mm; w unused */
     uint32_t flags;
     float normal_scale;
     float diffuse; /* diffuse fraction of the light */
@@ -106,7 +107,7 @@ struct pell_picture_around {
     PELL_VEC4 hidden; /* see struct pell_lighting; w: bits of the numbers of rays */
     PELL_VEC4 lost;   /* the same; w unused */
     PELL_VEC4 counts; /* factor from entering light to metered light; w unused */
-    PELL_VEC4 normal; /* geometric; w: depth */
+    PELL_VEC4 normal; /* shading normal; w: depth */
 };
 
 /* Statistics of a row of pixels. */

@@ -14,6 +14,7 @@
 //   out 11 shown    12 around   13 through (w: mm)   14 single
 layout(local_size_x = 64) in;
 #include "render/picture/device_data.h"
+#include "shared/highlights.h"
 #include "shared/leaving.h"
 #include "shared/single.h"
 #include "shared/spread.h"
@@ -217,6 +218,9 @@ void main()
                              pell_meter_fraction(m.enter_mean.b, m.diffuse));
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     const uint key = floatBitsToUint(hits[i].emissive.w);
+    const float pixel_mm = hits[i].albedo.w * fr.depth_mm + fr.fixed_mm;
+    const vec3 shares = vec3(pell_highlights_share(m.radius.r, pixel_mm), pell_highlights_share(m.radius.g, pixel_mm),
+                             pell_highlights_share(m.radius.b, pixel_mm));
     const bool emits = hits[i].emissive.r + hits[i].emissive.g + hits[i].emissive.b > 0.0;
 
     light[p.at] = vec4(entered, hits[i].albedo.w);
@@ -224,9 +228,9 @@ void main()
     shown[p.at].factor = vec4(factor, uintBitsToFloat(material + 1u));
     shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * arriving.r, counts.g * arriving.g, counts.b * arriving.b));
     around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, material)));
-    around[p.at].lost = vec4((m.flags & PELL_PICTURE_OPAQUE) != 0u ? a.lost * albedo * hits[i].sheet.w : vec3(0.0), 0.0);
+    around[p.at].lost = vec4(a.lost * shares * albedo * hits[i].sheet.w, 0.0);
     around[p.at].counts = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * counts / max(albedo, vec3(0.02)), 0.0);
-    around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
+    around[p.at].normal = vec4(normal, hits[i].albedo.w);
     through[p.at] = vec4(passed, pell_spread_pack_sums(a.path, a.straight, all));
     if (has(PELL_PICTURE_SINGLE)) {
         const float exit = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[material].single_eta2;
