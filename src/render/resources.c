@@ -251,8 +251,8 @@ static enum pell_result make_profiles(struct pell_renderer *r)
 
         if (at == 0)
             continue;
-        if (setting > 0 && (m->profile || m->gaussians.count > 0))
-            pell_warn(r->ctx, pell_material_shown_name(m), "a model makes profiles of coefficients",
+        if (setting > 0 && m->num_layers == 0 && (m->profile || m->gaussians.count > 0)) /* layers have coefficients of their own */
+            pell_warn(r->ctx, pell_material_shown_name(m), "--profile needs a material with scattering coefficients",
                       "has no coefficients: its own profile is used, not %s", pell_profile_model_at(model_of(m, setting))->name);
         while (k < i && !(index[k + 1] && same_profile(m, &scene->materials[k], setting)))
             k++;

@@ -452,6 +452,9 @@ def _(folder):
     release_only()
     both = one_object(works(folder, 'compare', 'bunny.obj', *TINY, '--bounces', '1', '--methods', 'screen-space:as=paper,none', '--json'))
     need([m['settings'] for m in both['methods']] == [published, ''], both['methods'])
+    every = one_object(works(folder, 'compare', 'bunny.obj', *TINY, '--methods', 'all:as=paper,none', '--json'))
+    names = [m['name'] for m in one_object(works(folder, 'methods', '--json'))['methods'] if m['kind'] == 'method']
+    need([m['name'] for m in every['methods']] == [n + ':as=paper' for n in names] + ['none'], every['methods'])
     need('finished images' in text(works(folder, 'compare', 'bunny.obj', *TINY, '--methods', 'screen-space', '--set', 'as=paper').stdout),
          '--set has no effect')
 

@@ -125,6 +125,48 @@ static struct shot shot_of_strength(const struct party *on, double reach, float 
     return shot;
 }
 
+/* A medium that only absorbs reflects at its surface alone, as without a method. */
+static void what_does_not_scatter_keeps_its_highlights(void **state)
+{
+    const struct party *const on = *state;
+    double shown[2], reflected = 0.0;
+
+    for (int i = 0; i < 2; i++) {
+        struct pell_material *m;
+        struct shot shot;
+        struct stage s;
+        size_t material;
+
+        start(&s, on, 32, 24, 2);
+        s.settings.bloom = 0.0f;
+        s.settings.specular = 0;
+        s.settings.layers = true;
+        m = stage_medium(&s, "marble", &material);
+        m->gaussians.count = 0;
+        m->rho_s = 1.0f;
+        m->roughness = 0.4f;
+        for (int c = 0; c < 3; c++) {
+            m->medium.sigma_a[c] = 2.0;
+            m->medium.sigma_s_reduced[c] = 0.0;
+        }
+        stage_ball(&s, material, 0, vec3(0, 0, -12), 12.0f, 20);
+        stage_light(&s, PELL_LIGHT_POINT, vec3(-8.0f, 5.0f, 40.0f), vec3(0, 0, 0), 50.0f);
+        stage_camera(&s, vec3(0.0f, 0.0f, 200.0f), vec3(0, 0, 0), 0.0f, 24.0f);
+        shot = stage_shot_of(&s, i ? "none" : on->method->name, i ? NULL : form(on->method));
+        shown[i] = 0.0;
+        for (int y = 0; y < 24; y++)
+            for (int x = 0; x < 32; x++) {
+                shown[i] += shot_at(&shot, SHOT_G, x, y);
+                reflected += i ? shot_at(&shot, SHOT_SPECULAR + 1, x, y) : 0.0;
+            }
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    REQUIRE(reflected > 0.0);
+    REQUIRE_REL(shown[1], reflected, 1e-5);
+    REQUIRE_REL(shown[0], reflected, 0.02);
+}
+
 /* A constant strength s is equivalent to a medium with mean free paths multiplied by s. */
 static void a_constant_strength_scales_every_method(void **state)
 {
@@ -503,6 +545,7 @@ int main(int argc, char **argv)
         PROMISE(objects_that_share_a_material_do_not_share_light),
         PROMISE(parts_of_an_object_share_light),
         PROMISE(a_constant_strength_scales_every_method),
+        PROMISE(what_does_not_scatter_keeps_its_highlights),
         PROMISE(any_number_of_threads_gives_the_same_bits),
         PROMISE(a_constant_strength_scales_to_the_bit),
         PROMISE(another_seed_gives_another_pattern),

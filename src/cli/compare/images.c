@@ -4,6 +4,7 @@
 
 #include "base/file.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <string.h>
 
@@ -156,7 +157,10 @@ static void answer_text(const struct cli *cli, const struct task *t)
            pell_printable(t->s.layer, shown, sizeof(shown)));
     if (both)
         printf("%-18s %12s %12s\n", "", sources_have_two(&t->s) ? SUBSURFACE : "masked", "whole");
-    row("pixels", both, (double) m->pixels, (double) w->pixels);
+    if (both)
+        printf("%-18s %12" PRId64 " %12" PRId64 "\n", "pixels", (int64_t) m->pixels, (int64_t) w->pixels);
+    else
+        printf("%-18s %12" PRId64 "\n", "pixels", (int64_t) w->pixels);
     row("mse", both, resolved(m->mse, m->mse_error), resolved(w->mse, w->mse_error));
     row("rel mse", both, resolved(m->rel_mse, m->rel_mse_error), resolved(w->rel_mse, w->rel_mse_error));
     row("mae", both, m->mae, w->mae);

@@ -66,6 +66,22 @@ static enum exit_code add_run(struct cli *cli, struct run_list *runs, const char
     return EXIT_OK;
 }
 
+/* Adds every method, with the knobs after "all". */
+static enum exit_code add_all(struct cli *cli, struct run_list *runs, const char *where, const char *knobs)
+{
+    enum exit_code code = EXIT_OK;
+
+    for (size_t i = 0; i < pell_method_count() && code == EXIT_OK; i++) {
+        char label[512];
+        if (pell_method_at(i)->kind != PELL_KIND_METHOD)
+            continue;
+        snprintf(label, sizeof(label), "%s%s", pell_method_at(i)->name, knobs);
+        if ((code = add_run(cli, runs, where, label)) == EXIT_OK)
+            runs->list[runs->count - 1].optional = true;
+    }
+    return code;
+}
+
 /* "all", or names separated by commas. */
 static enum exit_code add_list(struct cli *cli, struct run_list *runs, const char *where, const char *list)
 {
@@ -78,12 +94,10 @@ static enum exit_code add_list(struct cli *cli, struct run_list *runs, const cha
         snprintf(label, sizeof(label), "%.*s", (int) (n < 255 ? n : 255), rest);
         if (n == 0)
             return cli_usage(cli, where, "`pellucid methods` lists them", "\"%s\", a name is missing", list);
-        if (strcmp(label, "all") != 0 || strcmp(where, "--methods") != 0)
-            code = add_run(cli, runs, where, label);
+        if (strcmp(where, "--methods") == 0 && strncmp(label, "all", 3) == 0 && (label[3] == '\0' || label[3] == ':'))
+            code = add_all(cli, runs, where, label + 3);
         else
-            for (size_t i = 0; i < pell_method_count() && code == EXIT_OK; i++)
-                if (pell_method_at(i)->kind == PELL_KIND_METHOD && (code = add_run(cli, runs, where, pell_method_at(i)->name)) == EXIT_OK)
-                    runs->list[runs->count - 1].optional = true;
+            code = add_run(cli, runs, where, label);
         rest += n;
     } while (code == EXIT_OK && *rest++ == ',');
     return code;

@@ -195,11 +195,14 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
             if ((res = report_map(job->report, result.flip, result.width, &id)) == PELL_OK)
                 json_object_set_new(child(child(run->shown, "flip"), job->runs.list[reference].label), view_names[view], id);
             if (res == PELL_OK && json_array_size(job->views) == (size_t) view && !run->mixes)
-                json_array_append_new(job->views,
-                                      report_view(job->report, view_names[view], view == PART ? "Subsurface light" : "Whole image",
-                                                  view == PART ? "Only the light that went through the material, where the material is."
-                                                               : "All light of all pixels: reflections and backdrop, too.",
-                                                  &in, &job->params, &result));
+                json_array_append_new(
+                    job->views,
+                    report_view(
+                        job->report, view_names[view], view == PART ? "Subsurface light" : "Whole image",
+                        view == PART
+                            ? "Light that left the material, at its pixels; of a method that outputs finished images, all their light."
+                            : "All light of all pixels: reflections and backdrop, too.",
+                        &in, &job->params, &result));
             if (res == PELL_OK && view == PART && reference == 0) {
                 snprintf(name, sizeof(name), "%s.errors.exr", run->file);
                 res = compare_write_errors(cli, &result, &job->folder, name);

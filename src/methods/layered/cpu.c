@@ -74,8 +74,8 @@ static void warn_about_steps(const struct layered_state *st, const struct pell_m
     if (deepest > thinnest * st->knobs.samples)
         pell_warn(st->ctx, "layered", "raise samples, or use march=exponential, which includes every layer",
                   "steps of %.3g mm skip layer \"%s\" of \"%s\", which is %.3g mm thick: march=sum needs more than %.0f samples",
-                  deepest / st->knobs.samples, pell_printable(name, layer, sizeof(layer)), pell_printable(m->name, shown, sizeof(shown)),
-                  thinnest, ceil(deepest / thinnest));
+                  deepest / st->knobs.samples, pell_printable(name, layer, sizeof(layer)),
+                  pell_printable(pell_material_shown_name(m), shown, sizeof(shown)), thinnest, ceil(deepest / thinnest));
 }
 
 /* In a dense medium most of the scattered light has scattered more than once. Reports that this method leaves it out. */
@@ -90,7 +90,7 @@ static void report_dense(const struct layered_state *st, const struct pell_mater
     }
     if (!st->knobs.multiple && st->knobs.as != LAYERED_PAPER && m->num_layers == 0 && albedo > DENSE)
         pell_info(st->ctx, "layered", "light that \"%s\" scatters more than once is left out: multiple=on adds it",
-                  pell_printable(m->name, shown, sizeof(shown)));
+                  pell_printable(pell_material_shown_name(m), shown, sizeof(shown)));
 }
 
 static enum pell_result make_media(struct layered_state *st, const struct pell_scene *scene)

@@ -9,6 +9,9 @@
 
 void pell_ss_whiten(struct pell_gaussians *g)
 {
+    if (g->count == 0) { /* nothing scatters: light stays where it is */
+        *g = (struct pell_gaussians) { .count = 1, .variance = { 1e-9 } };
+    }
     for (int c = 0; c < 3; c++) {
         double sum = 0.0;
         for (int i = 0; i < g->count; i++)

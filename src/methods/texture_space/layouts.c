@@ -65,9 +65,9 @@ static void report_layouts(struct ts_state *st, const struct pell_frame_shape *s
         if (a->charts_separated)
             pell_info(st->ctx, name, "%s: %d charts moved apart%s", defect, a->num_charts, more);
         else if (a->lacks_uv)
-            pell_info(st->ctx, name, "%s: laid out in %d planar charts%s", defect, a->num_charts, more);
+            pell_info(st->ctx, name, "%s: laid out in planar charts, %d in all%s", defect, a->num_charts, more);
         else
-            pell_warn(st->ctx, name, "charts=planar selects this layout explicitly", "%s: laid out in %d planar charts%s", defect,
+            pell_warn(st->ctx, name, "charts=planar selects this layout explicitly", "%s: laid out in planar charts, %d in all%s", defect,
                       a->num_charts, more);
     }
 }

@@ -82,7 +82,7 @@ const char *ts_atlas_lay_out_file(struct ts_atlas_build *b, int set)
             for (int i = 0; i < 2; i++) {
                 const double v = (double) m->uv[set][2 * (size_t) index[k] + (size_t) i];
                 if (!(fabs(v) < 1e6))
-                    return "its texture coordinates are no numbers of use";
+                    return "its texture coordinates are too large";
                 low[i] = fmin(low[i], v);
                 high[i] = fmax(high[i], v);
             }
