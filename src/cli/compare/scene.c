@@ -15,6 +15,10 @@
 
 enum { PART, WHOLE, VIEWS }; /* the subsurface light of translucent pixels; all light of all pixels */
 static const char *const view_names[VIEWS] = { "part", "whole" };
+static const char *const titles[VIEWS][2] = {
+    { "Subsurface light", "Light that left the material, at its pixels; of a method that outputs finished images, all their light." },
+    { "Whole image", "All light of all pixels: reflections and backdrop, too." },
+};
 
 /* The light that an image is compared by, rows without padding. */
 struct light {
@@ -196,13 +200,7 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
                 json_object_set_new(child(child(run->shown, "flip"), job->runs.list[reference].label), view_names[view], id);
             if (res == PELL_OK && json_array_size(job->views) == (size_t) view && !run->mixes)
                 json_array_append_new(
-                    job->views,
-                    report_view(
-                        job->report, view_names[view], view == PART ? "Subsurface light" : "Whole image",
-                        view == PART
-                            ? "Light that left the material, at its pixels; of a method that outputs finished images, all their light."
-                            : "All light of all pixels: reflections and backdrop, too.",
-                        &in, &job->params, &result));
+                    job->views, report_view(job->report, view_names[view], titles[view][0], titles[view][1], &in, &job->params, &result));
             if (res == PELL_OK && view == PART && reference == 0) {
                 snprintf(name, sizeof(name), "%s.errors.exr", run->file);
                 res = compare_write_errors(cli, &result, &job->folder, name);
