@@ -16,7 +16,7 @@
 enum { PART, WHOLE, VIEWS }; /* the subsurface light of translucent pixels; all light of all pixels */
 static const char *const view_names[VIEWS] = { "part", "whole" };
 static const char *const titles[VIEWS][2] = {
-    { "Subsurface light", "Light that left the material, at its pixels; of a method that outputs finished images, all their light." },
+    { "Subsurface light", "Light that left the material, at its pixels; of a finished image, all light there." },
     { "Whole image", "All light of all pixels: reflections and backdrop, too." },
 };
 
