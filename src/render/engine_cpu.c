@@ -418,7 +418,7 @@ struct pell_irradiance_params pell_cpu_sample_light(const struct pell_cpu *e, co
     light.device = e->device && !pell_light_device_refuses(e->device) ? e->device : NULL;
     light.separate = separate ? f->materials->separate : NULL;
     light.shared = shares_highlights(f);
-    light.radius = f->plan ? (const float(*)[3]) f->materials->radius : NULL;
+    light.radius = (const float(*)[3]) f->materials->radius;
     return light;
 }
 

@@ -27,11 +27,11 @@ PELL_SHARED float pell_highlights_visibility(float next, float around, float ray
     return around + (next - around) * (over / (over + noise + 1e-12f));
 }
 
-/* Fraction of entering light whose shadows are filtered, on a surface that spreads it over this mean radius: nothing where that is more
- * than two pixels. */
+/* Fraction of entering light whose shadows are filtered, on a surface that spreads it over this mean radius: all where that is less than a
+ * quarter of a pixel, nothing where it is more than half of one. */
 PELL_SHARED float pell_highlights_share(float radius_mm, float pixel_mm)
 {
-    return pell_saturate(2.0f - radius_mm / pixel_mm);
+    return pell_saturate(2.0f - 4.0f * radius_mm / pixel_mm);
 }
 
 /* Filtered highlight or irradiance: this fraction of the unoccluded light; of the `all` samples around, `seen` are visible. */

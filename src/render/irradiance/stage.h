@@ -30,7 +30,7 @@ struct pell_lighting {
     float *specular[3];       /* W/(m^2 sr), including emission */
     float *single[3];         /* W/(m^2 sr), single scattering; written with `separate` */
     float *hidden[3];         /* W/(m^2 sr), with `shared`: highlights of area lights that shadows removed; -1 where the surface emits; */
-    float *lost[3];           /* W/m^2: the same for `irradiance`, of opaque surfaces and those that blur it by less than a pixel */
+    float *lost[3];           /* W/m^2: the same for `irradiance`, of surfaces that are opaque or blur it by less than half a pixel */
     float *shifted[3];        /* W/m^2, with `directions`: part of the entering light that the shift of curvature/stage.h moved there, */
     float *single_surplus[3]; /* part that accounts for the single scattering of diffuse light (pell_angle.enter_mean), */
     float *direction_in[3];   /* mean refracted direction of the rest, */
@@ -72,8 +72,7 @@ struct pell_irradiance_params {
     bool between;                                        /* with `local`: `through` includes transport between faces */
     bool directions;                                     /* lighting->shifted, single_surplus, direction_in and diffuse are required */
     bool shared;                                         /* lighting->hidden and lost are required */
-    const float (*radius)[3];                            /* with `shared`: mean radius of the profile per scene material, mm; NULL: no
-                                                          * method blurs */
+    const float (*radius)[3];                            /* with `shared`: mean radius of the profile per scene material, mm */
     uint32_t sample;                                     /* index of the multisample: varies the sample patterns */
     uint32_t seed;
 };

@@ -86,7 +86,7 @@ static struct pell_picture_material material_of(const struct pell_picture_sample
         .exit_slope = rgb_and(angle ? angle->exit_slope : none, boundary->mean),
         .enter_mean = rgb_and(angle ? angle->enter_mean : one, angle ? angle->inverse_eta2 : 1.0f),
         .sheet = rgb_and(m->diffuse_transmission_color, pell_material_is_thin(m) ? m->diffuse_transmission : 0.0f),
-        .radius = rgb_and(s->irradiance->radius ? s->irradiance->radius[i] : none, 0.0f),
+        .radius = rgb_and(s->irradiance->radius[i], 0.0f),
         .flags = (m->opaque ? PELL_PICTURE_OPAQUE : 0u) | (textured ? PELL_PICTURE_TEXTURED : 0u) |
                  (p->smooth && !m->opaque ? PELL_PICTURE_SMOOTH : 0u) | (m->specular == PELL_SPECULAR_KELEMEN ? PELL_PICTURE_WHOLE : 0u),
         .normal_scale = m->normal_scale,
