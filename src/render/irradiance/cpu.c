@@ -390,7 +390,7 @@ static void share_lost(const struct job *job, struct packet *k)
 static void shade_packet(const struct job *job, struct packet *k)
 {
     shade_side(job, k);
-    if (job->p->shared)
+    if (job->p->shared && job->p->radius)
         share_lost(job, k);
     if (job->p->shared && job->p->surface->any_emissive)
         exclude_emissive(job, k);

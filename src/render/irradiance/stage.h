@@ -72,7 +72,8 @@ struct pell_irradiance_params {
     bool between;                                        /* with `local`: `through` includes transport between faces */
     bool directions;                                     /* lighting->shifted, single_surplus, direction_in and diffuse are required */
     bool shared;                                         /* lighting->hidden and lost are required */
-    const float (*radius)[3];                            /* with `shared`: mean radius of the profile per scene material, mm */
+    const float (*radius)[3];                            /* with `shared`: mean radius of the profile per scene material, mm; NULL:
+                                                          * nothing spreads light */
     uint32_t sample;                                     /* index of the multisample: varies the sample patterns */
     uint32_t seed;
 };
