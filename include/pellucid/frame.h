@@ -111,11 +111,12 @@ struct pell_plane_info {
     const char *unit; /* "1" for a pure number */
     int components;   /* [1, 3]: the number of pointers, each to a separate plane */
     enum pell_plane_format format;
-    unsigned need;   /* present if the method needs one of these bits of enum pell_need; 0: always */
-    unsigned output; /* written if the plan has one of these bits of enum pell_output; 0: always, if `of_light` */
-    bool optional;   /* may be NULL even if needed */
-    bool of_light;   /* a member of struct pell_frame_light */
-    size_t offset;   /* of the first pointer, in its struct */
+    unsigned need;    /* present if the method needs one of these bits of enum pell_need; 0: always */
+    unsigned output;  /* written if the plan has one of these bits of enum pell_output; 0: always, if `of_light` */
+    bool optional;    /* may be NULL even if needed */
+    bool of_light;    /* a member of struct pell_frame_light */
+    size_t offset;    /* of the first pointer, in its struct */
+    const char *what; /* one sentence, without a full stop */
 };
 
 /* The row of enum pell_plane `plane`; NULL for an invalid value. Constant data; thread-safe. */

@@ -89,13 +89,16 @@ static void widen(struct pell_rect *rect, int by, int width, int height)
 /* Shows the planes that a method reads, or those that it has written. */
 static enum pell_result show_planes(struct pell_renderer *r, const struct pell_frame *in, const struct pell_frame_light *out, bool of_light)
 {
+    const enum pell_quantity quantity = pell_pass_plan(r->pass)->quantity;
     enum pell_result res = PELL_OK;
 
     for (int i = 0; i < PELL_PLANES && res == PELL_OK; i++) {
         const struct pell_plane_info *p = pell_plane_at(i);
         const void *planes[3];
         char name[64];
-        struct pell_intermediate image = { name, p->unit, "a plane of the frame, where it is translucent", .components = p->components };
+        struct pell_intermediate image = {
+            .name = name, .unit = pell_plane_unit(p, quantity), .what = p->what, .components = p->components
+        };
         if (p->of_light != of_light)
             continue;
         pell_plane_pointers(p, in, out, planes);

@@ -29,6 +29,9 @@ PELL_NODISCARD enum pell_result pell_engine_check(struct pell_context *ctx, cons
 /* Logs that a method does not run on the engine of this name; returns PELL_ERR_DEVICE. */
 enum pell_result pell_engine_missing(struct pell_context *ctx, const char *engine, const struct pell_method *method);
 
+/* The unit of a plane's values in a pass that computes `quantity`: p->unit, which for PELL_PLANE_LIGHT names both. */
+const char *pell_plane_unit(const struct pell_plane_info *p, enum pell_quantity quantity);
+
 /* Sets the first p->components of `pointers` to a plane of the frame or of its output, by its row in the table of planes. */
 void pell_plane_pointers(const struct pell_plane_info *p, const struct pell_frame *in, const struct pell_frame_light *out,
                          const void *pointers[3]);

@@ -512,12 +512,14 @@ static void rows_of_planes_are_whole(void **state)
         const struct pell_plane_info *p = pell_plane_at(i);
         const size_t end = p->offset + (size_t) p->components * sizeof(void *);
 
-        REQUIRE(p->name && p->name[0] && p->unit && p->unit[0] && p->components >= 1 && p->components <= 3);
+        REQUIRE(p->name && p->name[0] && p->unit && p->unit[0] && p->what && p->what[0] && p->components >= 1 && p->components <= 3);
         REQUIRE(end <= (p->of_light ? sizeof(struct pell_frame_light) : sizeof(struct pell_frame)));
         for (size_t k = p->offset; k < end; k++) {
             REQUIRE(!taken[p->of_light][k]);
             taken[p->of_light][k] = true;
         }
+        for (int j = 0; j < i; j++)
+            REQUIRE(strcmp(p->what, pell_plane_at(j)->what) != 0);
     }
     for (size_t k = offsetof(struct pell_frame, material); k < sizeof(struct pell_frame); k++)
         REQUIRE(taken[false][k]); /* every plane has its row */
