@@ -117,7 +117,7 @@ class Figures:
         panel = {name: fit(srgb(shrink(np.maximum(m, 0), size) * white), size, size) for name, m in maps.items() if m.shape[2] == 3}
         albedo = pellucid.read_image(self.examples / 'face-color.png')
         albedo = fit(srgb(shrink(albedo[..., :3], size)), size, size)
-        blurs = [panel[n] for n in sorted((n for n in panel if n.startswith('blur-')), key=lambda n: int(n[5:]))]
+        blurs = [panel[n] for n in sorted((n for n in panel if n.startswith('blur-') and '.step-' not in n), key=lambda n: int(n[5:]))]
         blurs = [blurs[round(k * (len(blurs) - 1) / 4)] for k in range(5)]
         scene['materials']['*']['specular'] = {'rho_s': 0.0}
         plain = self.render(scene, 'texture-space', 2 * size, 2 * size, '--msaa', '1', knobs=['as=paper', 'tsm=off', 'size=1024'])

@@ -115,6 +115,13 @@ struct pell_checkpoint {
  * (0, 1e9], or ranges that end before they begin; PELL_ERR_UNSUPPORTED at the frame for a method without state (pell_method.partial). */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint);
 
+/* The Gaussian that an intermediate image of a material has been blurred by, from the unblurred light on. */
+struct pell_intermediate_gaussian {
+    const char *material; /* its name */
+    double variance;      /* mm^2 on the surface */
+    double weight[3];     /* of the image in the method's result, R, G, B; 0: only an intermediate step to a wider Gaussian */
+};
+
 /* An intermediate image of a frame: a plane of struct pell_frame, or an intermediate result of a method (docs/guide/command-line.md). */
 struct pell_intermediate {
     const char *name; /* "frame.irradiance", "texture-space.texel-size": [a-z0-9.-]+, up to 63 characters, unique within a frame */
@@ -125,6 +132,8 @@ struct pell_intermediate {
     const float *planes[3]; /* finite */
     int components;         /* [1, 3]; with `color` three: R, G, B; otherwise coordinates */
     bool color;
+    const struct pell_intermediate_gaussian *gaussians; /* of a blurred image: one per material; NULL: none */
+    size_t num_gaussians;
 };
 
 /* Called with each intermediate image of a frame's first multisample, on the rendering thread. The image is valid during the call. Any

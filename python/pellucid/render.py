@@ -66,10 +66,12 @@ class _Plane:
 
 
 class Intermediate:
-    """What a method made on its way: `data`, (height, width) or (height, width, components) float32, in `unit`; `what` says what it is."""
+    """What a method made on its way: `data`, (height, width) or (height, width, components) float32, in `unit`; `what` says what it is.
+    `gaussians` of a blurred image: for each material its name, `material`, the `variance` in mm^2, and the `weight` of R, G, B in the
+    method's result."""
 
-    def __init__(self, data: np.ndarray, unit: str, what: str):
-        self.data, self.unit, self.what = data, unit, what
+    def __init__(self, data: np.ndarray, unit: str, what: str, gaussians: list[dict[str, Any]]):
+        self.data, self.unit, self.what, self.gaussians = data, unit, what, gaussians
 
     def __repr__(self) -> str:
         return f"<Intermediate {self.data.shape}, {self.unit}: {self.what}>"
@@ -98,7 +100,9 @@ def _pellucid_show(user, image):
         flat = np.frombuffer(ffi.buffer(image.planes[c], size), np.float32)
         planes.append(np.lib.stride_tricks.as_strided(flat, (image.height, image.width), (4 * image.stride, 4)))
     data = planes[0].copy() if len(planes) == 1 else np.stack(planes, axis=-1)
-    ffi.from_handle(user).images[text(image.name)] = Intermediate(data, text(image.unit), text(image.what))
+    gaussians = [{"material": text(g.material), "variance": g.variance, "weight": tuple(g.weight)}
+                 for g in (image.gaussians[i] for i in range(image.num_gaussians))]
+    ffi.from_handle(user).images[text(image.name)] = Intermediate(data, text(image.unit), text(image.what), gaussians)
     return lib.PELL_OK
 
 

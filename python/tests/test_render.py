@@ -49,7 +49,9 @@ def test_intermediates_are_what_the_picture_is_made_of(ball_file):
     assert (picture.rgb == plain.rgb).all() and (again.rgb == plain.rgb).all() and not again.intermediates
     blur = picture.intermediates["screen-space.blur-4"]
     assert blur.data.shape == (48, 64, 3) and blur.unit == "W/m^2" and blur.data.max() > 0 and "Gaussian" in blur.what
-    assert picture.intermediates["frame.depth"].data.shape == (48, 64)
+    assert len(blur.gaussians) == 1 and blur.gaussians[0]["material"] == "wholemilk" and blur.gaussians[0]["variance"] > 0
+    assert len(blur.gaussians[0]["weight"]) == 3 and 0 < max(blur.gaussians[0]["weight"]) <= 1
+    assert picture.intermediates["frame.depth"].data.shape == (48, 64) and not picture.intermediates["frame.depth"].gaussians
     size = maps["texture-space.texel-size"].data
     assert size.shape[2] == 2 and 0 < size.max() < 40
 

@@ -7,6 +7,18 @@
 #include <stdlib.h>
 #include <string.h>
 
+static json_t *gaussians_json(const struct pell_intermediate *image)
+{
+    json_t *list = json_array();
+
+    for (size_t i = 0; i < image->num_gaussians; i++) {
+        const struct pell_intermediate_gaussian *g = &image->gaussians[i];
+        json_array_append_new(list, json_pack("{s:o,s:f,s:[f,f,f]}", "material", cli_text(g->material), "variance_mm2", g->variance,
+                                              "weight", g->weight[0], g->weight[1], g->weight[2]));
+    }
+    return list;
+}
+
 static enum pell_result show(void *user, const struct pell_intermediate *image)
 {
     static const char *const names[3][3] = { { "Y" }, { "X", "Y", "Z" }, { "R", "G", "B" } };
@@ -22,6 +34,7 @@ static enum pell_result show(void *user, const struct pell_intermediate *image)
                                               .compression = PELL_EXR_ZIP };
     char file[96];
     const char *path;
+    json_t *entry;
 
     for (int c = 0; c < image->components; c++)
         channels[c] = (struct pell_channel) { names[image->components == 1 ? 0
@@ -31,9 +44,14 @@ static enum pell_result show(void *user, const struct pell_intermediate *image)
     snprintf(file, sizeof(file), "%02zu-%s.exr", d->folder.count, image->name);
     if (!(path = folder_file(&d->folder, file)))
         return PELL_ERR_INVALID;
-    json_array_append_new(d->index,
-                          json_pack("{s:s,s:s,s:s,s:s,s:i,s:i,s:i}", "file", file, "name", image->name, "unit", image->unit, "what",
-                                    image->what, "width", image->width, "height", image->height, "components", image->components));
+    entry = json_pack("{s:s,s:s,s:s,s:s,s:i,s:i,s:i}", "file", file, "name", image->name, "unit", image->unit, "what", image->what, "width",
+                      image->width, "height", image->height, "components", image->components);
+    if (image->num_gaussians > 0 && json_object_set_new(entry, "gaussians", gaussians_json(image)) != 0) {
+        json_decref(entry);
+        return PELL_ERR_NOMEM;
+    }
+    if (json_array_append_new(d->index, entry) != 0)
+        return PELL_ERR_NOMEM;
     return pell_image_write(d->cli->ctx, path, "exr", &params);
 }
 

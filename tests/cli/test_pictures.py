@@ -258,6 +258,11 @@ def _(folder):
         attributes, channels = exr_header((folder / 'stages' / image['file']).read_bytes())[:2]
         need(attributes['pellucid.unit'] == image['unit'] and attributes['pellucid.what'] == image['what'], attributes)
         need(len(channels) == image['components'], channels)
+    blurs = [image for image in index['images'] if '.blur-' in image['name']]
+    need(blurs and all(image['gaussians'][0]['material'] == 'wholemilk' and image['gaussians'][0]['variance_mm2'] > 0 and
+                       len(image['gaussians'][0]['weight']) == 3 for image in blurs), blurs)
+    need(all(('gaussians' in image) == (image in blurs) for image in index['images']), index)
+    need({image['name']: image['unit'] for image in index['images']}['frame.light'] == 'W/m^2', index)
     need({'frame.depth', 'frame.irradiance', 'screen-space.blur-4', 'frame.light'} <= {image['name'] for image in index['images']}, index)
     for wrong, reason in ((('--turntable', '2'), b'does not go with --turntable'), (('--frames', '0:1:1'), b'does not go with --frames')):
         done = run(folder, *MESH, '--dump', 'other', *wrong, '-o', 'q.png')

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_intermediate.c - the intermediate images of every method: named correctly, finite, consistent with the final image, and without
- * an effect on it. */
+ * test_intermediate.c - the intermediate images of every method: named and described correctly, finite, consistent with the final image,
+ * and without an effect on it. */
 #include "stage.h"
 
 #include <stdlib.h>
@@ -11,8 +11,24 @@ struct seen {
     char name[MOST][64];
     int width[MOST], height[MOST], components[MOST];
     float *data[MOST]; /* planes after each other */
+    struct pell_intermediate_gaussian gaussian[MOST];
+    char unit[MOST][16];
     int count, fail_at;
 };
+
+/* Planes of a frame have the description and, but for the method's result, the unit of their row. */
+static void check_plane(const struct pell_intermediate *image)
+{
+    for (int i = 0; i < PELL_PLANES; i++) {
+        const struct pell_plane_info *p = pell_plane_at(i);
+        if (strcmp(image->name + strlen("frame."), p->name) != 0)
+            continue;
+        assert_string_equal(image->what, p->what);
+        assert_true(i == PELL_PLANE_LIGHT || strcmp(image->unit, p->unit) == 0);
+        return;
+    }
+    fail_msg("%s is no plane of a frame", image->name);
+}
 
 static enum pell_result show(void *user, const struct pell_intermediate *image)
 {
@@ -27,6 +43,19 @@ static enum pell_result show(void *user, const struct pell_intermediate *image)
     assert_int_equal(strspn(image->name, "abcdefghijklmnopqrstuvwxyz0123456789.-"), strlen(image->name));
     for (int i = 0; i < s->count; i++)
         assert_string_not_equal(s->name[i], image->name);
+    if (strncmp(image->name, "frame.", strlen("frame.")) == 0)
+        check_plane(image);
+    assert_int_equal(image->num_gaussians, strstr(image->name, ".blur-") ? 1 : 0); /* the scenes have one material */
+    assert_true(strstr(image->name, "-0") == NULL);                                /* numbers in names begin at 1 */
+    for (size_t i = 0; i < image->num_gaussians; i++) {
+        const struct pell_intermediate_gaussian *g = &image->gaussians[i];
+        const bool step = strstr(image->name, ".step-") != NULL;
+        assert_true(g->variance > 0.0 && strlen(g->material) > 0);
+        assert_true(!step || (g->weight[0] == 0.0 && g->weight[1] == 0.0 && g->weight[2] == 0.0));
+        s->gaussian[s->count] = *g;
+        s->gaussian[s->count].material = NULL; /* it lives during the call */
+    }
+    snprintf(s->unit[s->count], sizeof(s->unit[0]), "%s", image->unit);
     strcpy(s->name[s->count], image->name);
     s->width[s->count] = image->width;
     s->height[s->count] = image->height;
@@ -50,13 +79,21 @@ static void forget(struct seen *s)
     *s = (struct seen) { .fail_at = -1 };
 }
 
-static int find(const struct seen *s, const char *name)
+static int look_for(const struct seen *s, const char *name)
 {
     for (int i = 0; i < s->count; i++)
         if (strcmp(s->name[i], name) == 0)
             return i;
-    fail_msg("there is no image %s", name);
     return -1;
+}
+
+static int find(const struct seen *s, const char *name)
+{
+    const int i = look_for(s, name);
+
+    if (i < 0)
+        fail_msg("there is no image %s", name);
+    return i;
 }
 
 static double sum_of(const struct seen *s, int image)
@@ -98,19 +135,29 @@ static void render_observed(struct stage *s, struct seen *seen, struct shot *sho
 static void every_method_shows_its_images_and_stays_what_it_is(void **state)
 {
     static const struct {
-        const char *method, *knobs[4], *images[8];
+        const char *method, *knobs[4], *images[8], *not_shown;
+        bool radiance; /* of the result */
     } cases[] = {
         { "screen-space", { "gaussians=3", NULL }, { "frame.irradiance", "frame.light", "screen-space.blur-1", "screen-space.blur-3" } },
+        { "screen-space", { "input=lit", NULL }, { "frame.shaded", "screen-space.blur-1" }, .radiance = true },
+        { "screen-space",
+          { "kernel=separable", "rank=2", NULL },
+          { "screen-space.kernel-1", "screen-space.kernel-2" },
+          "screen-space.blur-1" },
         { "texture-space",
           { "size=128", NULL },
           { "texture-space.texel-size", "texture-space.light-1.irradiance", "texture-space.light-1.thickness",
-            "texture-space.light-1.blur-1", "texture-space.exitance" } },
-        { "texture-space", { "size=128", "as=paper", NULL }, { "texture-space.irradiance", "texture-space.light-1.thickness" } },
+            "texture-space.light-1.blur-1", "texture-space.light-2.blur-1", "texture-space.exitance" },
+          "texture-space.light-3.blur-1" },
+        { "texture-space",
+          { "size=128", "as=paper", NULL },
+          { "texture-space.irradiance", "texture-space.light-1.thickness", "texture-space.light-2.thickness", "texture-space.blur-2" },
+          "texture-space.light-1.blur-2" },
         { "image-space", { NULL }, { "image-space.material-1.samples" } },
         { "image-space",
           { "views=eye+lights", "view-size=64", NULL },
           { "image-space.view-1.irradiance", "image-space.view-2.irradiance" } },
-        { "layered", { NULL }, { "layered.plane-normal", "layered.plane-distance", "layered.bottom-1" } },
+        { "layered", { NULL }, { "layered.plane-normal", "layered.plane-distance", "layered.bottom-1" }, .radiance = true },
         { "convolution", { NULL }, { "convolution.plane-1.irradiance", "convolution.plane-4.exitance" } },
         { "convolution", { "as=paper", NULL }, { "convolution.plane-2.irradiance" } },
         { "hierarchical", { NULL }, { "frame.light" } },
@@ -128,6 +175,8 @@ static void every_method_shows_its_images_and_stays_what_it_is(void **state)
         assert_true(shot_equal(&plain, &shot));
         for (int k = 0; cases[i].images[k]; k++)
             find(&seen, cases[i].images[k]);
+        assert_true(!cases[i].not_shown || look_for(&seen, cases[i].not_shown) < 0);
+        assert_string_equal(seen.unit[find(&seen, "frame.light")], cases[i].radiance ? "W/(m^2 sr)" : "W/m^2");
         again = stage_shot(&s);
         assert_true(shot_equal(&plain, &again));
         shot_free(&again);
@@ -138,7 +187,7 @@ static void every_method_shows_its_images_and_stays_what_it_is(void **state)
     forget(&seen);
 }
 
-/* M is the sum of the blurred images weighted by their Gaussians. */
+/* M is the sum of the blurred images by the weights that they are shown with. */
 static void blurs_of_screen_space_add_up_to_its_light(void **state)
 {
     static const char *const knobs[] = { "through=off", "lod=100", NULL }; /* no Gaussian is omitted */
@@ -158,20 +207,68 @@ static void blurs_of_screen_space_add_up_to_its_light(void **state)
         char name[64];
         snprintf(name, sizeof(name), "screen-space.blur-%d", k + 1);
         blur[k] = find(&seen, name);
+        REQUIRE_NEAR(seen.gaussian[blur[k]].variance, s.scene->materials[0].gaussians.variance[k], 1e-6);
     }
     for (size_t i = 0; i < 3 * 48 * 40; i++) {
-        const double *const weight[3] = { s.scene->materials[0].gaussians.weight[0], s.scene->materials[0].gaussians.weight[1],
-                                          s.scene->materials[0].gaussians.weight[2] };
-        double sum = 0.0, total = 0.0;
+        double sum = 0.0;
         for (int k = 0; k < 3; k++)
-            total += weight[k][i / (48 * 40)];
-        for (int k = 0; k < 3; k++)
-            sum += weight[k][i / (48 * 40)] / total * (double) seen.data[blur[k]][i];
+            sum += seen.gaussian[blur[k]].weight[i / (48 * 40)] * (double) seen.data[blur[k]][i];
         worst = fmax(worst, fabs(sum - (double) seen.data[light][i]));
         most = fmax(most, (double) seen.data[light][i]);
     }
     print_message("# of %.3f at most, M and its blurs differ by %.2g\n", most, worst);
     REQUIRE(most > 0.1 && worst < 1e-5 * most);
+    forget(&seen);
+    shot_free(&shot);
+    stage_finish(&s);
+}
+
+/* Without transmission the exitance is the sum of the blurred maps by their weights. A Gaussian narrower than a texel has no image: its
+ * weight is that of the image before it. The third Gaussian is so wide that two blurs without weight precede it. */
+static void blurs_of_texture_space_add_up_to_its_exitance(void **state)
+{
+    static const char *const knobs[] = { "size=128", "charts=planar", "tsm=off", NULL };
+    struct seen seen = { .fail_at = -1 };
+    struct stage s;
+    struct shot shot;
+    const struct pell_gaussians *g;
+    double worst = 0.0, most = 0.0;
+    int exitance, blur[3], shown = 0;
+
+    (void) state;
+    start(&s, "texture-space");
+    s.scene->materials[0].gaussians.variance[2] *= 6.0;
+    g = &s.scene->materials[0].gaussians;
+    shot = stage_shot_of(&s, "texture-space", knobs);
+    shot_free(&shot);
+    render_observed(&s, &seen, &shot);
+    exitance = find(&seen, "texture-space.exitance");
+    for (int k = 0; k < 3; k++) {
+        char name[64];
+        int image;
+        snprintf(name, sizeof(name), "texture-space.blur-%d", k + 1);
+        image = look_for(&seen, name);
+        blur[k] = image >= 0 ? image : k > 0 ? blur[k - 1] : find(&seen, "texture-space.irradiance");
+        for (int c = 0; c < 3 && image >= 0; c++)
+            REQUIRE(seen.gaussian[image].weight[c] == g->weight[k][c]);
+        REQUIRE(image < 0 || seen.gaussian[image].variance == g->variance[k]);
+        shown += image >= 0;
+    }
+    for (int k = 1; k <= 2; k++) {
+        char name[64];
+        snprintf(name, sizeof(name), "texture-space.blur-3.step-%d", k);
+        REQUIRE_NEAR(seen.gaussian[find(&seen, name)].variance, g->variance[1] * pow(24.0, k / 3.0), 1e-6);
+    }
+    for (int i = 0; i < 3 * seen.width[exitance] * seen.height[exitance]; i++) {
+        const int c = i / (seen.width[exitance] * seen.height[exitance]);
+        double sum = 0.0;
+        for (int k = 0; k < 3; k++)
+            sum += g->weight[k][c] * (double) seen.data[blur[k]][i];
+        worst = fmax(worst, fabs(sum - (double) seen.data[exitance][i]));
+        most = fmax(most, (double) seen.data[exitance][i]);
+    }
+    print_message("# of %.3f at most, the exitance and %d blurs differ by %.2g\n", most, shown, worst);
+    REQUIRE(shown >= 2 && most > 0.1 && worst < 1e-5 * most);
     forget(&seen);
     shot_free(&shot);
     stage_finish(&s);
@@ -298,6 +395,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_method_shows_its_images_and_stays_what_it_is),
         cmocka_unit_test(blurs_of_screen_space_add_up_to_its_light),
+        cmocka_unit_test(blurs_of_texture_space_add_up_to_its_exitance),
         cmocka_unit_test(planes_of_convolution_share_out_the_light),
         cmocka_unit_test(thickness_is_that_of_the_object),
         cmocka_unit_test(maps_are_as_fine_as_the_picture_needs),

@@ -49,11 +49,18 @@ enum pell_result convolution_show_end(struct convolution_state *st)
     for (int k = 0; k < 2 * lay->planes && st->shown && res == PELL_OK; k++) {
         const int plane = k / 2, after = k % 2;
         char name[64], of_group[24] = "", of_level[24] = "";
-        struct pell_intermediate image = { name, "W/m^2", what[after], lay->width, lay->height, lay->width, { NULL }, 3, true };
+        struct pell_intermediate image = { .name = name,
+                                           .unit = "W/m^2",
+                                           .what = what[after],
+                                           .width = lay->width,
+                                           .height = lay->height,
+                                           .stride = lay->width,
+                                           .components = 3,
+                                           .color = true };
         for (int c = 0; c < 3; c++)
             image.planes[c] = image_of(st, after, plane, c);
         if (st->num_groups > 1)
-            snprintf(of_group, sizeof(of_group), "group-%d.", (int) st->job.group);
+            snprintf(of_group, sizeof(of_group), "group-%d.", (int) st->job.group + 1);
         if (st->job.level >= 0)
             snprintf(of_level, sizeof(of_level), "level-%d.", st->job.level + 1);
         snprintf(name, sizeof(name), "convolution.%s%splane-%d.%s", of_group, of_level, plane + 1, names[after]);

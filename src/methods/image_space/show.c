@@ -20,15 +20,14 @@ enum pell_result is_show_samples(const struct pell_services *services, const str
     for (size_t i = 0; i < count && res == PELL_OK; i++) {
         char name[64];
         const struct pell_intermediate image = {
-            name,
-            "mm, mm, mm^2",
-            "x and y in the tangent plane and 1/density of the samples, a row for each pixel of the tile",
-            samples,
-            n * n,
-            samples,
-            { copy, copy + size, copy + 2 * size },
-            3,
-            false
+            .name = name,
+            .unit = "mm, mm, mm^2",
+            .what = "x and y in the tangent plane and 1/density of the samples, a row for each pixel of the tile",
+            .width = samples,
+            .height = n * n,
+            .stride = samples,
+            .planes = { copy, copy + size, copy + 2 * size },
+            .components = 3,
         };
         for (int c = 0; c < 3; c++)
             for (int p = 0; p < n * n; p++)
@@ -47,15 +46,17 @@ enum pell_result is_show_view(const struct pell_services *services, const struct
     const size_t size = (size_t) view->view.width * (size_t) view->view.height;
     float *copy = pell_alloc_array(services->ctx, size, 3 * sizeof(*copy));
     char name[64];
-    const struct pell_intermediate image = { name,
-                                             "W/m^2",
-                                             "irradiance that entered where this light looks",
-                                             view->view.width,
-                                             view->view.height,
-                                             view->view.width,
-                                             { copy, copy + size, copy + 2 * size },
-                                             3,
-                                             true };
+    const struct pell_intermediate image = {
+        .name = name,
+        .unit = "W/m^2",
+        .what = "irradiance that entered where this light looks",
+        .width = view->view.width,
+        .height = view->view.height,
+        .stride = view->view.width,
+        .planes = { copy, copy + size, copy + 2 * size },
+        .components = 3,
+        .color = true,
+    };
     enum pell_result res;
 
     if (!copy)

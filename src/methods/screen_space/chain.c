@@ -207,21 +207,66 @@ void pell_ss_chain_finish(struct screen_chain *st)
     pell_free(st->ctx, st->profiles);
 }
 
+/* What each material's light has been blurred by after a step; materials that are alike and have the same name are listed once. Returns
+ * their number. */
+static size_t list_gaussians(const struct screen_chain *st, const struct pell_frame_shape *shape, int step, int preblur,
+                             struct pell_intermediate_gaussian *list)
+{
+    const size_t row = (size_t) (SCREEN_PREBLUR - preblur + step) * (st->num_materials + 1);
+    size_t count = 0;
+
+    for (size_t i = 0; i < st->num_materials; i++) {
+        const struct pell_gaussians *g = &st->profiles[i];
+        const char *name = shape->materials[i].name;
+        const int k = step - preblur + (unblurred_first(st, name) ? 1 : 0);
+        const size_t first = pell_first_alike(shape, i);
+        struct pell_intermediate_gaussian *to = &list[count];
+        if (first < i && strcmp(shape->materials[first].name, name) == 0)
+            continue;
+        *to = (struct pell_intermediate_gaussian) { .material = name, .variance = (double) (st->variance[row + i + 1] * st->ratio2) };
+        for (int c = 0; c < 3 && step >= preblur && k < g->count; c++)
+            to->weight[c] = st->total[i + 1][c] > 0.0f ? g->weight[k][c] / (double) st->total[i + 1][c] : 0.0;
+        count++;
+    }
+    return count;
+}
+
 enum pell_result pell_ss_show(const struct screen_chain *chain, const struct pell_services *services, const struct pell_frame *in,
                               const float *const light[3], ptrdiff_t stride, int step, int preblur)
 {
     const void *const planes[3] = { light[0], light[1], light[2] };
+    struct pell_intermediate_gaussian *list = NULL;
     char name[64];
     struct pell_intermediate image = {
         .name = name,
         .unit = chain->knobs.input == SCREEN_INPUT_SHADED ? "W/(m^2 sr)" : "W/m^2",
         .stride = stride,
-        .what = "light times the profile's total after the Gaussians up to this one; pixels that skip it are as before",
         .components = 3,
         .color = true,
     };
+    enum pell_result res;
 
-    snprintf(name, sizeof(name), step < preblur ? "screen-space.blur-ahead-%d" : "screen-space.blur-%d",
-             step < preblur ? step + 1 : step - preblur + 1);
-    return pell_show_pixels(services, in, planes, PELL_PLANE_F32, &image);
+    if (chain->knobs.kernel == SCREEN_KERNEL_SEPARABLE) {
+        snprintf(name, sizeof(name), "screen-space.kernel-%d", step + 1);
+        image.what = "light after the terms of the separable kernel up to this one; the last is the result";
+        return pell_show_pixels(services, in, planes, PELL_PLANE_F32, &image);
+    }
+    if (!(list = pell_calloc(chain->ctx, chain->num_materials, sizeof(*list))))
+        return PELL_ERR_NOMEM;
+    image.gaussians = list;
+    image.num_gaussians = list_gaussians(chain, &in->shape, step, preblur, list);
+    if (step < preblur) {
+        snprintf(name, sizeof(name), "screen-space.blur-1.step-%d", step + 1);
+        image.what = "light times the profile's total after a blur without weight, which keeps the first Gaussian's taps close";
+    } else {
+        snprintf(name, sizeof(name), "screen-space.blur-%d", step - preblur + 1);
+        image.what = chain->knobs.strength
+                         ? "light times the profile's total after the Gaussians up to this one; where the strength is s, the "
+                           "variance is s^2 times as large; pixels that skip it are as before"
+                         : "light times the profile's total after the Gaussians up to this one; pixels that skip it are as "
+                           "before";
+    }
+    res = pell_show_pixels(services, in, planes, PELL_PLANE_F32, &image);
+    pell_free(chain->ctx, list);
+    return res;
 }

@@ -5,6 +5,7 @@
  */
 #include "methods/texture_space/state.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #define SOFT (1.0 / 3.0)    /* relative to the widest blur's width */
@@ -141,20 +142,39 @@ static enum pell_result start(struct ts_blurring *p, bool transmitted, int plane
     return p->st->run->start(p, transmitted, planes);
 }
 
-/* `several`: the light is not that of st->shown.light alone. */
-static void show_planes(struct ts_state *st, float *const *planes, int index, bool several)
+/* Shows three planes of `now` after a blur. `several`: their light is not that of st->shown.light alone, and none of it is transmitted. */
+static void show_planes(const struct ts_blurring *p, const struct ts_blur *b, float *const *planes, bool several)
 {
-    ts_show(st, &(struct ts_image) { "blur",
+    struct ts_state *st = p->st;
+    const struct ts_profile *profile = p->solid->profile;
+    const int inserted = profile->inserted[p->level];
+    const char *material = st->in->shape.materials[profile - st->profiles].name;
+    struct pell_intermediate_gaussian gaussian = { .material = material ? material : "", .variance = b->after };
+    char name[32], what[320];
+
+    for (int c = 0; c < 3 && b->weight; c++)
+        gaussian.weight[c] = b->weight[c];
+    if (inserted)
+        snprintf(name, sizeof(name), "blur-%d.step-%d", profile->gaussian[p->level], inserted);
+    else
+        snprintf(name, sizeof(name), "blur-%d", profile->gaussian[p->level]);
+    snprintf(what, sizeof(what), "irradiance map after %s%s%s%s",
+             inserted ? "a blur without weight, which keeps the ratio of variances small" : "the Gaussians up to this one",
+             st->knobs.stretch ? ", along the surface: the stretch sets the width in texels"
+                               : ", whose width in texels ignores the stretch: the variance is that of texels of the mean size",
+             p->scaled ? "; where the strength is s, the variance is s^2 times as large" : "",
+             p->planes > 3 && !several ? "; transmitted light has its own weights, by the thickness at each texel" : "");
+    ts_show(st, &(struct ts_image) { name,
                                      "W/m^2",
-                                     "the irradiance map after the Gaussians up to this one",
+                                     what,
                                      { planes[0], planes[1], planes[2] },
                                      3,
-                                     index,
                                      .color = true,
-                                     .of_light = !several });
+                                     .of_light = !several && st->knobs.lights == TS_LIGHTS_OWN,
+                                     .gaussian = &gaussian });
 }
 
-static enum pell_result show_blur(struct ts_blurring *p, int index)
+static enum pell_result show_blur(struct ts_blurring *p, const struct ts_blur *b)
 {
     struct ts_state *st = p->st;
     enum pell_result res;
@@ -162,9 +182,9 @@ static enum pell_result show_blur(struct ts_blurring *p, int index)
     if (!pell_services_observed(st->services, st->in))
         return PELL_OK;
     PELL_TRY(st->run->inspect(p, false));
-    show_planes(st, st->now, index, false);
+    show_planes(p, b, st->now, false);
     if (p->planes == TS_PLANES)
-        show_planes(st, st->now + TS_LOCAL, index, true);
+        show_planes(p, b, st->now + TS_LOCAL, true);
 
 fail:
     return res;
@@ -197,7 +217,8 @@ enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, con
             run->transmission_weights(p);
         if (levels[i].blurs) {
             const int64_t texels = blur_planes(p, b);
-            PELL_TRY(show_blur(p, i + 1));
+            if (params->local) /* with lights=sum the chains of all lights blur the same light, and only the first adds it */
+                PELL_TRY(show_blur(p, b));
             if (transmission || i + 1 < count)
                 fill_for(p, next_blur(levels, i + 1, count), planes);
             run->note(st, level_name(index++), texels, 2 * st->work.planes);

@@ -45,9 +45,13 @@ static double narrowest(const struct pell_frame_material *m)
 
 static void put(struct ts_profile *p, double variance, const double *weight)
 {
+    const int last = p->count - 1;
+
     if (p->count == TS_LEVELS)
         return;
     p->variance[p->count] = variance;
+    p->gaussian[p->count] = last < 0 ? 1 : p->gaussian[last] + (p->inserted[last] == 0);
+    p->inserted[p->count] = weight ? 0 : last < 0 ? 1 : p->inserted[last] + 1;
     for (int c = 0; c < 3; c++)
         p->weight[p->count][c] = weight ? weight[c] : 0.0;
     p->added += weight == NULL;

@@ -18,8 +18,18 @@ static enum pell_result show(struct ts_state *st, const struct ts_image *image, 
     const struct ts_solid *solid = &st->solid[st->shown.solid];
     const struct ts_atlas *a = solid->atlas;
     char name[64], of_solid[24] = "", of_light[24] = "";
-    struct pell_intermediate out = { name,     image->unit, image->what,       a->width,    a->height,
-                                     a->width, { NULL },    image->components, image->color };
+    struct pell_intermediate out = {
+        .name = name,
+        .unit = image->unit,
+        .what = image->what,
+        .width = a->width,
+        .height = a->height,
+        .stride = a->width,
+        .components = image->components,
+        .color = image->color,
+        .gaussians = image->gaussian,
+        .num_gaussians = image->gaussian ? 1 : 0,
+    };
 
     for (int c = 0; c < image->components; c++) {
         float *to = copy + (size_t) c * (size_t) a->width * (size_t) a->height;
@@ -32,13 +42,10 @@ static enum pell_result show(struct ts_state *st, const struct ts_image *image, 
             }
     }
     if (st->solids->count > 1)
-        snprintf(of_solid, sizeof(of_solid), "object-%d.", (int) st->shown.solid);
+        snprintf(of_solid, sizeof(of_solid), "object-%d.", (int) st->shown.solid + 1);
     if (st->shown.light >= 0 && image->of_light)
-        snprintf(of_light, sizeof(of_light), "light-%d.", st->shown.light);
-    if (image->index > 0)
-        snprintf(name, sizeof(name), "texture-space.%s%s%s-%d", of_solid, of_light, image->name, image->index);
-    else
-        snprintf(name, sizeof(name), "texture-space.%s%s%s", of_solid, of_light, image->name);
+        snprintf(of_light, sizeof(of_light), "light-%d.", st->shown.light + 1);
+    snprintf(name, sizeof(name), "texture-space.%s%s%s", of_solid, of_light, image->name);
     return pell_show(st->services, &out);
 }
 

@@ -146,10 +146,10 @@ struct ts_image {
     const char *name, *unit, *what;
     const float *planes[3]; /* of the solid's map */
     int components;
-    int index; /* appended to the name, from 1; 0: none */
     bool color;
-    bool of_light;  /* the light's index is prefixed to the name if there is one */
-    double falloff; /* above 0: the values are alpha, and the image shows the thickness in mm */
+    bool of_light;                                     /* the light's number is prefixed to the name if there is one */
+    double falloff;                                    /* above 0: the values are alpha, and the image shows the thickness in mm */
+    const struct pell_intermediate_gaussian *gaussian; /* of a blurred image; NULL: none */
 };
 
 /* Shows an image to observers of the renderer, if any, for the solid and light of st->shown; a failure is stored in st->shown.result. */

@@ -238,6 +238,8 @@ struct ts_profile {
     int count;
     double variance[TS_LEVELS];  /* mm^2, increasing */
     double weight[TS_LEVELS][3]; /* 0: inserted only for the ratio of variances */
+    int gaussian[TS_LEVELS];     /* from 1: the material's Gaussian, or the one that this level was inserted before */
+    int inserted[TS_LEVELS];     /* from 1: its index among the levels inserted there; 0: the Gaussian itself */
     int added;                   /* number of inserted Gaussians without weight */
     double widest;               /* sqrt of the last variance, mm */
     struct ts_tap taps[TS_TAPS]; /* of kernel=jittered-13 */
