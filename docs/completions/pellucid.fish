@@ -46,7 +46,7 @@ complete -c pellucid -n '__fish_seen_subcommand_from render' -l output -s o -r -
 complete -c pellucid -n '__fish_seen_subcommand_from render' -l format -x -a 'png exr hdr pfm' -d 'png, exr, hdr or pfm, whatever the extension'
 complete -c pellucid -n '__fish_seen_subcommand_from render' -l turntable -x -d 'number of views around the object, numbered before the file name’s extension, all exposed as the first; 0: one image; 0 to 100000, default 0'
 complete -c pellucid -n '__fish_seen_subcommand_from render' -l frames -x -d 'images of the animation at times in seconds, numbered before the file name’s extension, with the exposure of the first'
-complete -c pellucid -n '__fish_seen_subcommand_from render' -l dump -r -F -d 'folder for the intermediate images of the frame’s first sample, as EXR, with index.json'
+complete -c pellucid -n '__fish_seen_subcommand_from render' -l dump -r -F -d 'folder for the intermediate images of the frame’s first sample, as EXR, with index.json; replaces an earlier dump there'
 complete -c pellucid -n '__fish_seen_subcommand_from render' -l stats -d 'print a table of stage times on stderr'
 complete -c pellucid -n '__fish_seen_subcommand_from render' -l engine -x -a 'auto cpu vulkan' -d 'compute engine: auto, cpu or vulkan'
 complete -c pellucid -n '__fish_seen_subcommand_from render' -l device -x -d 'Vulkan device, by its number in `pellucid info` or a part of its name'

@@ -50,6 +50,37 @@ const char *folder_file(struct output_folder *f, const char *name)
     return path;
 }
 
+void folder_replace(struct output_folder *f, const char *name)
+{
+    char path[sizeof(f->path) + sizeof(f->old[0].name)];
+    struct stat st;
+
+    if (!f->existed || f->num_old == PELL_COUNT(f->old) || strlen(name) >= sizeof(f->old[0].name) || strchr(name, '/'))
+        return;
+    snprintf(path, sizeof(path), "%s/%s", f->path, name);
+    if (lstat(path, &st) != 0 || !S_ISREG(st.st_mode))
+        return;
+    snprintf(f->old[f->num_old].name, sizeof(f->old[0].name), "%s", name);
+    f->old[f->num_old].device = (uint64_t) st.st_dev;
+    f->old[f->num_old++].number = (uint64_t) st.st_ino;
+}
+
+/* Files that were moved here have another inode than those that they replaced. */
+static void remove_old(struct output_folder *f)
+{
+    char path[sizeof(f->path) + sizeof(f->old[0].name)];
+    struct stat st;
+
+    for (size_t i = 0; i < f->num_old; i++) {
+        snprintf(path, sizeof(path), "%s/%s", f->path, f->old[i].name);
+        if (lstat(path, &st) != 0 || !S_ISREG(st.st_mode) || (uint64_t) st.st_dev != f->old[i].device ||
+            (uint64_t) st.st_ino != f->old[i].number || pell_file_was_read(f->ctx, path))
+            continue;
+        if (unlink(path) != 0)
+            pell_warn(f->ctx, path, NULL, "is of an earlier result and can't be removed");
+    }
+}
+
 enum pell_result folder_commit(struct output_folder *f)
 {
     char from[sizeof(f->partial) + sizeof(f->files[0])], to[sizeof(from)];
@@ -75,6 +106,7 @@ enum pell_result folder_commit(struct output_folder *f)
             return pell_error(f->ctx, PELL_ERR_IO, to, NULL, "can't be replaced: %s",
                               errno == EISDIR ? "a folder has this name" : "the folder refuses it");
     }
+    remove_old(f);
     folder_drop(f);
     return PELL_OK;
 }

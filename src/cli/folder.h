@@ -17,6 +17,11 @@ struct output_folder {
     char files[512][280];
     size_t count;
     bool existed; /* the folder existed before: files replace those of the same name */
+    struct {
+        char name[96];
+        uint64_t device, number; /* of the file when it was named */
+    } old[512];                  /* see folder_replace */
+    size_t num_old;
 };
 
 /* `path` may exist; its parent folder must. */
@@ -24,6 +29,9 @@ PELL_NODISCARD enum pell_result folder_begin(struct pell_context *ctx, const cha
 /* Path to write the file `name` to; files are moved in the order of these calls. Valid until the next call. NULL, logged, after too
  * many. */
 const char *folder_file(struct output_folder *f, const char *name);
+/* Names a file of an earlier result, which folder_commit removes once all files are moved. It stays if it is not a regular file, or has
+ * been read or written by then. Does nothing if there is no such file, or after too many calls. */
+void folder_replace(struct output_folder *f, const char *name);
 PELL_NODISCARD enum pell_result folder_commit(struct output_folder *f);
 /* Removes what was not committed. */
 void folder_drop(struct output_folder *f);

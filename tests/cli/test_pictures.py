@@ -273,6 +273,60 @@ def _(folder):
     need(done.returncode == 3 and b'none/there' in done.stderr and not (folder / 'q.png').exists(), done)
 
 
+@test('--dump replaces an earlier dump, and only that')
+def _(folder):
+    stages = folder / 'stages'
+
+    def listed():
+        return [image['file'] for image in json.loads((stages / 'index.json').read_text('utf-8'))['images']]
+
+    def dumps(*more):
+        return works(folder, *MESH, '--bounces', '0', *more, '--dump', 'stages', '-o', 'p.pfm')
+
+    dumps()
+    (stages / '99-mine.exr').write_bytes(b'mine')
+    (stages / 'notes.txt').write_bytes(b'notes')
+    first = listed()
+    (stages / '09-texture-space.texel-size.exr').mkdir()
+    done = run(folder, *MESH, '-m', 'texture-space', '--set', 'size=64', '--dump', 'stages', '-o', 'p.pfm')
+    need(done.returncode == 3 and set(first) <= set(names(stages)), 'a dump that fails removes nothing', done, names(stages))
+    (stages / '09-texture-space.texel-size.exr').rmdir()
+    for file in stages.glob('[01]*.exr'):
+        file.unlink()
+    dumps()
+    dumps('-m', 'texture-space', '--set', 'size=64')
+    need('09-texture-space.texel-size.exr' in listed(), listed())
+    need(names(stages) == sorted([*listed(), 'index.json', '99-mine.exr', 'notes.txt']), names(stages))
+    second = names(stages)
+    whole = (stages / 'index.json').read_text('utf-8')
+    index = json.loads(whole)
+    wrong = [whole[:-20], json.dumps({**index, 'images': index['images'][1:]}), json.dumps({**index, 'knobs': 3}), '[' * 100000,
+             whole + ' ' * (2 << 20)]
+    for file in ('../p.pfm', 'notes.txt', None):
+        wrong.append(json.dumps({**index, 'images': [*index['images'][:-1], {**index['images'][-1], 'file': file}]}))
+    for content in wrong:
+        (stages / 'index.json').write_text(content, 'utf-8')
+        done = dumps('-m', 'none')
+        need(names(stages) == second and listed() == [], content[:80], names(stages))
+    need(b'no intermediate images: -m none renders without a method' in done.stderr, done.stderr)
+    (stages / 'index.json').unlink()
+    os.mkfifo(stages / 'index.json')
+    dumps('-m', 'none')
+    need(names(stages) == second, 'a pipe is no index', names(stages))
+    dumps()
+    second = [file for file in second if file not in listed()]
+    (stages / 'index.json').write_text(json.dumps({**index, 'images': [
+        {'file': '00-frame.irradiance.exr', 'name': 'frame.irradiance'}, {'file': '01-linked.exr', 'name': 'linked'},
+        {'file': '02-p.exr', 'name': 'p'}, {'file': '03-gone.exr', 'name': 'gone'}]}), 'utf-8')
+    shutil.copy(stages / '04-frame.irradiance.exr', stages / '00-frame.irradiance.exr')
+    (stages / '01-linked.exr').symlink_to('notes.txt')
+    (stages / '02-p.exr').write_bytes(b'of the earlier dump')
+    (stages / '03-gone.exr').write_bytes(b'of the earlier dump')
+    before = names(stages)
+    works(folder, *MESH, '-m', 'none', '--environment', 'stages/00-frame.irradiance.exr', '--dump', 'stages', '-o', 'stages/02-p.exr')
+    need(names(stages) == [file for file in before if file != '03-gone.exr'], 'read, written or linked files stay', before, names(stages))
+
+
 @test('--turntable numbers its pictures, starts at the front, turns, and keeps the exposure')
 def _(folder):
     vertices, faces = sphere()
