@@ -33,7 +33,8 @@ enum pell_result folder_begin(struct pell_context *ctx, const char *option, cons
         return PELL_OK;
     pell_file_in_flight(ctx, -1);
     f->partial[0] = '\0';
-    return pell_error(ctx, PELL_ERR_IO, path, hint, f->existed ? "can't be written to" : "can't be made");
+    return pell_error(ctx, PELL_ERR_IO, path, f->existed ? "allow writing there, or name another folder" : hint,
+                      f->existed ? "can't be written to" : "can't be made");
 }
 
 const char *folder_file(struct output_folder *f, const char *name)
