@@ -13,11 +13,10 @@
 
 #define LOUD 0.1 /* relative noise of a reference above which a warning is printed */
 
-enum { PART, WHOLE, VIEWS }; /* the subsurface light of translucent pixels; all light of all pixels */
-static const char *const view_names[VIEWS] = { "part", "whole" };
-static const char *const titles[VIEWS][2] = {
-    { "Subsurface light", "Light that left the material, at its pixels; of a finished image, all light there." },
-    { "Whole image", "All light of all pixels: reflections and backdrop, too." },
+enum { PART, WHOLE, VIEWS }; /* the subsurface light of translucent pixels; all light of all pixels: name, title, caption */
+static const char *const views[VIEWS][3] = {
+    { "part", "Subsurface light", "Light that left the material, at its pixels; of a finished image, all light there." },
+    { "whole", "Whole image", "All light of all pixels: reflections and backdrop, too." },
 };
 
 /* The light that an image is compared by, rows without padding. */
@@ -192,15 +191,15 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
         } else {
             json_object_set_new(answer, "whole", compare_metrics(m, false));
         }
-        if (!json_object_get(job->shown_as, view_names[view]))
-            compare_add_shown(child(job->shown_as, view_names[view]), &result, false);
+        if (!json_object_get(job->shown_as, views[view][0]))
+            compare_add_shown(child(job->shown_as, views[view][0]), &result, false);
         if (job->report) {
-            json_object_set_new(child(run->shown, key), view_names[view], compare_metrics(m, false));
+            json_object_set_new(child(run->shown, key), views[view][0], compare_metrics(m, false));
             if ((res = report_map(job->report, result.flip, result.width, &id)) == PELL_OK)
-                json_object_set_new(child(child(run->shown, "flip"), job->runs.list[reference].label), view_names[view], id);
+                json_object_set_new(child(child(run->shown, "flip"), job->runs.list[reference].label), views[view][0], id);
             if (res == PELL_OK && json_array_size(job->views) == (size_t) view && !run->mixes)
-                json_array_append_new(
-                    job->views, report_view(job->report, view_names[view], titles[view][0], titles[view][1], &in, &job->params, &result));
+                json_array_append_new(job->views,
+                                      report_view(job->report, views[view][0], views[view][1], views[view][2], &in, &job->params, &result));
             if (res == PELL_OK && view == PART && reference == 0) {
                 snprintf(name, sizeof(name), "%s.errors.exr", run->file);
                 res = compare_write_errors(cli, &result, &job->folder, name);
@@ -328,7 +327,7 @@ static enum pell_result render(struct cli *cli, struct job *job, struct run *run
     res = PELL_OK;
     for (int view = 0; job->report && view < VIEWS; view++) {
         PELL_TRY(report_image(job->report, (const float *const *) l->rgb[view], job->width, &id));
-        json_object_set_new(child(run->shown, "data"), view_names[view], id);
+        json_object_set_new(child(run->shown, "data"), views[view][0], id);
     }
 fail:
     halves_drop(cli, &halves);
@@ -480,7 +479,7 @@ static json_t *answer_json(struct cli *cli, struct job *job)
                   pell_device_threads(job->session.device), "warnings", cli->warnings);
     if (!o)
         return NULL;
-    json_object_update(o, json_object_get(job->shown_as, view_names[PART])); /* exposure, white, hdr_exposures */
+    json_object_update(o, json_object_get(job->shown_as, views[PART][0])); /* exposure, white, hdr_exposures */
     if (job->runs.num_references > 1) {
         json_object_set(o, "truth", references[1]);
         json_object_set(o, "model_error", job->model_error);
