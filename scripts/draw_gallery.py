@@ -55,7 +55,7 @@ class Gallery:
         scene = {'pellucid': 1, 'meshes': [self.mesh], 'camera': CAMERA, 'lights': LIGHTS, 'background': BACKGROUND,
                  'materials': {'*': {'preset': material}}}
         (self.work / 'scene.json').write_text(json.dumps(scene))
-        samples = ['--msaa', '1', '--denoise', 'on'] if method[0] == 'path-trace' else ['--msaa', '8']
+        samples = ['--msaa', '8'] + (['--denoise', 'on'] if method[0] == 'path-trace' else [])
         return self.render('scene.json', method, width, height, *samples, '--light-samples', '64', '--exposure', '1.3')
 
     def every_material(self):
