@@ -4,12 +4,10 @@
 
 #include "base/file.h"
 
-#include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #define IMAGE_FILE "%02zu-%s.exr" /* number, name */
 
@@ -73,24 +71,17 @@ static enum pell_result show(void *user, const struct pell_intermediate *image)
  * never overwritten. */
 static char *read_index(struct pell_context *ctx, const char *path, size_t *size)
 {
-    const int fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    struct pell_file file = { .handle = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC) };
     struct stat st;
     char *data = NULL;
 
-    *size = 0;
-    if (fd < 0)
+    if (file.handle < 0)
         return NULL;
-    if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0 && st.st_size <= MOST_INDEX)
-        data = pell_alloc(ctx, (size_t) st.st_size);
-    while (data && *size < (size_t) st.st_size) {
-        const ssize_t n = read(fd, data + *size, (size_t) st.st_size - *size);
-        if (n < 0 && errno == EINTR)
-            continue;
-        if (n <= 0)
-            break;
-        *size += (size_t) n;
-    }
-    close(fd);
+    if (fstat(file.handle, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0 && st.st_size <= MOST_INDEX)
+        data = pell_alloc(ctx, file.size = (size_t) st.st_size);
+    if (data)
+        *size = pell_file_at(&file, 0, data, file.size);
+    pell_file_close(&file);
     return data;
 }
 

@@ -33,6 +33,12 @@ struct pell_lens {
  * radius / sqrt(n) about them they are as wide as the lens. With n = 1, or without a radius, the view is unchanged. */
 void pell_view_through(struct pell_view *view, const struct pell_lens *lens, int i, int n);
 
+/* Width of a pixel at a depth, mm. */
+static inline float pell_view_pixel_mm(const struct pell_view *v, float depth)
+{
+    return (v->orthographic ? 1.0f : depth) / v->focal_px;
+}
+
 /* A ray through a pixel with forward component 1, so that the ray parameter is the depth: p = start + depth * direction. */
 static inline void pell_view_ray(const struct pell_view *v, float x, float y, struct pell_vec3 *start, struct pell_vec3 *direction)
 {

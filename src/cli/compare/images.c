@@ -92,6 +92,23 @@ static json_t *answer_json(struct cli *cli, const struct task *t)
     return o;
 }
 
+static void print_row(const char *name, bool both, const char *masked, const char *whole)
+{
+    if (both)
+        printf("%-18s %12s %12s\n", name, masked, whole);
+    else
+        printf("%-18s %12s\n", name, whole);
+}
+
+static void row_of_counts(const char *name, bool both, int64_t masked, int64_t whole)
+{
+    char a[24], b[24];
+
+    snprintf(a, sizeof(a), "%" PRId64, masked);
+    snprintf(b, sizeof(b), "%" PRId64, whole);
+    print_row(name, both, a, b);
+}
+
 static void row(const char *name, bool both, double masked, double whole)
 {
     char a[24] = "-", b[24] = "-";
@@ -100,10 +117,7 @@ static void row(const char *name, bool both, double masked, double whole)
         snprintf(a, sizeof(a), "%.6g", masked);
     if (isfinite(whole))
         snprintf(b, sizeof(b), "%.6g", whole);
-    if (both)
-        printf("%-18s %12s %12s\n", name, a, b);
-    else
-        printf("%-18s %12s\n", name, b);
+    print_row(name, both, a, b);
 }
 
 static double resolved(double mse, double error)
@@ -157,10 +171,7 @@ static void answer_text(const struct cli *cli, const struct task *t)
            pell_printable(t->s.layer, shown, sizeof(shown)));
     if (both)
         printf("%-18s %12s %12s\n", "", sources_have_two(&t->s) ? SUBSURFACE : "masked", "whole");
-    if (both)
-        printf("%-18s %12" PRId64 " %12" PRId64 "\n", "pixels", (int64_t) m->pixels, (int64_t) w->pixels);
-    else
-        printf("%-18s %12" PRId64 "\n", "pixels", (int64_t) w->pixels);
+    row_of_counts("pixels", both, m->pixels, w->pixels);
     row("mse", both, resolved(m->mse, m->mse_error), resolved(w->mse, w->mse_error));
     row("rel mse", both, resolved(m->rel_mse, m->rel_mse_error), resolved(w->rel_mse, w->rel_mse_error));
     row("mae", both, m->mae, w->mae);

@@ -236,9 +236,10 @@ enum pell_result pell_ss_show(const struct screen_chain *chain, const struct pel
 {
     const void *const planes[3] = { light[0], light[1], light[2] };
     struct pell_intermediate_gaussian *list = NULL;
-    char name[64];
+    char name[64], what[192];
     struct pell_intermediate image = {
         .name = name,
+        .what = what,
         .unit = chain->knobs.input == SCREEN_INPUT_SHADED ? "W/(m^2 sr)" : "W/m^2",
         .stride = stride,
         .components = 3,
@@ -257,14 +258,13 @@ enum pell_result pell_ss_show(const struct screen_chain *chain, const struct pel
     image.num_gaussians = list_gaussians(chain, &in->shape, step, preblur, list);
     if (step < preblur) {
         snprintf(name, sizeof(name), "screen-space.blur-1.step-%d", step + 1);
-        image.what = "light times the profile's total after a blur without weight, which keeps the first Gaussian's taps close";
+        snprintf(what, sizeof(what),
+                 "light times the profile's total after a blur without weight, which keeps the first Gaussian's taps close");
     } else {
         snprintf(name, sizeof(name), "screen-space.blur-%d", step - preblur + 1);
-        image.what = chain->knobs.strength
-                         ? "light times the profile's total after the Gaussians up to this one; where the strength is s, the "
-                           "variance is s^2 times as large; pixels that skip it are as before"
-                         : "light times the profile's total after the Gaussians up to this one; pixels that skip it are as "
-                           "before";
+        snprintf(what, sizeof(what),
+                 "light times the profile's total after the Gaussians up to this one%s; pixels that skip it are as before",
+                 chain->knobs.strength ? "; where the strength is s, the variance is s^2 times as large" : "");
     }
     res = pell_show_pixels(services, in, planes, PELL_PLANE_F32, &image);
     pell_free(chain->ctx, list);

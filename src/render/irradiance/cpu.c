@@ -378,13 +378,11 @@ static void exclude_emissive(const struct job *job, struct packet *k)
 /* Leaves to the method what its blur smooths. */
 static void share_lost(const struct job *job, struct packet *k)
 {
-    const struct pell_view *v = job->p->view;
-
-    for (int c = 0; c < 3; c++)
-        for (int i = 0; i < k->count; i++) {
-            const float pixel_mm = (v->orthographic ? 1.0f : job->p->surface->depth[k->index[i]]) / v->focal_px;
+    for (int i = 0; i < k->count; i++) {
+        const float pixel_mm = pell_view_pixel_mm(job->p->view, job->p->surface->depth[k->index[i]]);
+        for (int c = 0; c < 3; c++)
             k->sums.lost[c][i] *= pell_highlights_share(job->p->radius[k->material[i]][c], pixel_mm);
-        }
+    }
 }
 
 static void shade_packet(const struct job *job, struct packet *k)

@@ -193,20 +193,8 @@ bool PELL_SIMD(pell_reflect)(const struct pell_light_data *light, const struct p
         mask[i] = -(int32_t) lit;
         any |= mask[i];
     }
-    for (int i = 0; i < N; i++) {
-        rays->ox[i] = p->ox[i];
-        rays->oy[i] = p->oy[i];
-        rays->oz[i] = p->oz[i];
-        rays->dx[i] = l[0][i];
-        rays->dy[i] = l[1][i];
-        rays->dz[i] = l[2][i];
-        rays->tnear[i] = 0.0f;
-        rays->tfar[i] = 0.9999f * distance[i];
-        rays->time[i] = 0.0f;
-        rays->mask[i] = PELL_RAY_ALL;
-        rays->id[i] = 0;
-        rays->flags[i] = 0;
-    }
+    for (int i = 0; i < N && any; i++)
+        pell_ray16_set(rays, i, vec3(p->ox[i], p->oy[i], p->oz[i]), vec3(l[0][i], l[1][i], l[2][i]), 0.9999f * distance[i]);
     return any != 0;
 }
 

@@ -111,7 +111,7 @@ static void start_path(const struct job *job, struct packet *k, int i, int x, in
     *w = (struct unscattered_path) { .direction = vec3_normalize(ray_direction), .weight = { 1.0f, 1.0f, 1.0f }, .bounces = p->bounces };
     w->bundle = k->seed[i] % UNSCATTERED_BUNDLES;
     w->random = (struct unscattered_random) { .x = (uint32_t) x, .y = (uint32_t) y, .seed = pell_hash(p->sample) };
-    k->spacing = p->view->orthographic ? 1.0f / p->view->focal_px : s->depth[at] / p->view->focal_px;
+    k->spacing = pell_view_pixel_mm(p->view, s->depth[at]);
     k->active[i] = enter(job, &f, p->scene->meshes[s->mesh[at]].object, w) && w->nesting > 0 ? -1 : 0;
 }
 
