@@ -14,12 +14,17 @@ static double light_at(const struct shot *shot, int x, int y, size_t c)
     return shot_at(shot, SHOT_IRRADIANCE + c, x, y);
 }
 
-static struct shot shot_with(struct stage *s, int bounces)
+static struct shot shot_by(struct stage *s, int bounces, int samples)
 {
     s->settings.layers = true;
     s->settings.bounces = bounces;
-    s->settings.indirect_samples = SAMPLES;
+    s->settings.indirect_samples = samples;
     return stage_shot_of(s, "none", NULL);
+}
+
+static struct shot shot_with(struct stage *s, int bounces)
+{
+    return shot_by(s, bounces, SAMPLES);
 }
 
 /* Mean over all covered pixels. */
@@ -167,32 +172,45 @@ static void a_plate_lights_what_faces_it_and_lets_nothing_through(void **state)
 
 /* Light parallel to a floor hits only a long wall of height H. The wall fills (1 - d/sqrt(d^2 + H^2))/2 of the cosine-weighted
  * hemisphere of a floor point at the distance d from its foot; the wall is red. */
+static void check_red_wall(float d, int samples)
+{
+    const double height = 40.0, form_factor = 0.5 * (1.0 - (double) d / sqrt((double) d * (double) d + height * height));
+    struct stage s;
+    struct shot shot;
+    size_t red, white;
+
+    stage_start(&s, SIZE, SIZE);
+    stage_opaque(&s, 0.1f, &red)->base_color[0] = 0.8f;
+    stage_opaque(&s, 0.5f, &white);
+    shapes_quad(s.scene, red, vec3(0, 0, 20), vec3(0, 2000, 0), vec3(0, 0, 20))->object = 0; /* faces +x */
+    shapes_quad(s.scene, white, vec3(60, 0, 0), vec3(60, 0, 0), vec3(0, 60, 0))->object = 1; /* faces +z */
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(900, 0, 0), vec3(0, 0, 0), 3.0f);
+    stage_camera(&s, vec3(d, 0, 30), vec3(d, 0, 0), 0.0f, 1.0f);
+    shot = shot_by(&s, 1, samples);
+    print_message("# at %g mm: %.3f of the closed form\n", (double) d,
+                  light_at(&shot, SIZE / 2, SIZE / 2, 0) / (0.5 * 0.8 * 3.0 * form_factor));
+    REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 0), 0.5 * 0.8 * 3.0 * form_factor, SLOW ? 0.15 : 0.06);
+    REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 1), 0.5 * 0.1 * 3.0 * form_factor, SLOW ? 0.15 : 0.06);
+    shot_free(&shot);
+    stage_finish(&s);
+}
+
 static void a_red_wall_reddens_the_floor_before_it(void **state)
 {
     static const float distances[] = { 10.0f, 25.0f, 60.0f };
-    const double height = 40.0;
     (void) state;
 
-    for (size_t k = 0; k < PELL_COUNT(distances); k++) {
-        const float d = distances[k];
-        const double form_factor = 0.5 * (1.0 - (double) d / sqrt((double) d * (double) d + height * height));
-        struct stage s;
-        struct shot shot;
-        size_t red, white;
+    for (size_t k = 0; k < PELL_COUNT(distances); k++)
+        check_red_wall(distances[k], SAMPLES);
+}
 
-        stage_start(&s, SIZE, SIZE);
-        stage_opaque(&s, 0.1f, &red)->base_color[0] = 0.8f;
-        stage_opaque(&s, 0.5f, &white);
-        shapes_quad(s.scene, red, vec3(0, 0, 20), vec3(0, 2000, 0), vec3(0, 0, 20))->object = 0; /* faces +x */
-        shapes_quad(s.scene, white, vec3(60, 0, 0), vec3(60, 0, 0), vec3(0, 60, 0))->object = 1; /* faces +z */
-        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(900, 0, 0), vec3(0, 0, 0), 3.0f);
-        stage_camera(&s, vec3(d, 0, 30), vec3(d, 0, 0), 0.0f, 1.0f);
-        shot = shot_with(&s, 1);
-        REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 0), 0.5 * 0.8 * 3.0 * form_factor, SLOW ? 0.15 : 0.06);
-        REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 1), 0.5 * 0.1 * 3.0 * form_factor, SLOW ? 0.15 : 0.06);
-        shot_free(&shot);
-        stage_finish(&s);
-    }
+/* Many samples need many cells: no triangle is left whole, with light that only its corners know. */
+static void many_samples_light_large_triangles_evenly(void **state)
+{
+    (void) state;
+    RELEASE_ONLY();
+
+    check_red_wall(25.0f, 400000);
 }
 
 /* A pit with interreflection between its walls, in a ground. */
@@ -444,6 +462,71 @@ static void samples_keep_no_step_with_the_mesh(void **state)
     }
     print_message("# with two samples a sector: %.3f of the light with 16384\n", light[0] / light[1]);
     REQUIRE_NEAR(light[0] / light[1], 1.0, 0.06);
+}
+
+/* A cylinder about the y axis, of radius 20 mm, from y = 0 to 100 mm, whose side is divided into `rows`. Caps have a vertex in their middle. */
+static void add_cylinder(struct stage *s, size_t material, int sides, int rows)
+{
+    const uint32_t n = (uint32_t) sides, ring = n * (uint32_t) (rows + 1), caps = ring + 2 * (n + 1);
+    struct pell_mesh *m = shapes_mesh(s->scene, material, caps, 2 * n * (uint32_t) rows + 2 * n);
+    uint32_t *index = m->index;
+
+    for (uint32_t i = 0; i < caps; i++) {
+        const bool cap = i >= ring, centre = cap && (i - ring) % (n + 1) == n, top = cap ? i - ring > n : false;
+        const float angle = 2.0f * PELL_PI_F * (float) (cap ? (i - ring) % (n + 1) : i % n) / (float) n;
+        const float height = cap ? (top ? 100.0f : 0.0f) : 100.0f * (float) (i / n) / (float) rows;
+        const struct pell_vec3 out = vec3(cosf(angle), 0.0f, -sinf(angle));
+        vec3_store(vec3_mad(vec3(0.0f, height, 0.0f), centre ? 0.0f : 20.0f, out), m->position + 3 * i);
+        vec3_store(cap ? vec3(0.0f, top ? 1.0f : -1.0f, 0.0f) : out, m->normal + 3 * i);
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        const uint32_t next = (i + 1) % n, below = ring, above = ring + n + 1;
+        for (uint32_t row = 0; row < (uint32_t) rows; row++, index += 6) {
+            const uint32_t a = row * n + i, b = row * n + next;
+            const uint32_t two[6] = { a, b, b + n, a, b + n, a + n };
+            memcpy(index, two, sizeof(two));
+        }
+        const uint32_t cap_triangles[6] = { below + n, below + next, below + i, above + n, above + i, above + next };
+        memcpy(index, cap_triangles, sizeof(cap_triangles));
+        index += 6;
+    }
+    shapes_bound(s->scene, m);
+    m->object = 0;
+}
+
+/* Modelling programs make cylinders of long thin triangles. They have the light of many short ones. */
+static void long_thin_triangles_have_the_light_of_short_ones(void **state)
+{
+    struct shot shot[2];
+    double error2 = 0.0, sum2 = 0.0;
+
+    (void) state;
+    RELEASE_ONLY();
+    for (int fine = 0; fine < 2; fine++) {
+        struct stage s;
+        size_t material, ground;
+        stage_start(&s, SIZE, SIZE);
+        stage_medium(&s, "soap", &material);
+        stage_opaque(&s, 0.8f, &ground);
+        add_cylinder(&s, material, 360, fine ? 60 : 1);
+        shapes_quad(s.scene, ground, vec3(0, 0, 0), vec3(150, 0, 0), vec3(0, 0, -150))->object = 1;
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(-300, 300, 200), vec3(0, 0, 0), 3.0f);
+        stage_camera(&s, vec3(0, 50, 500), vec3(0, 50, 0), 0.0f, 90.0f);
+        s.settings.opposed = s.settings.curvature = true;
+        s.settings.indirect_samples = 16384;
+        shot[fine] = stage_shot_of(&s, "screen-space", NULL);
+        stage_finish(&s);
+    }
+    for (size_t c = 0; c < 3; c++)
+        for (int i = 0; i < SIZE * SIZE; i++) {
+            const double fine = shot_at(&shot[1], c, i % SIZE, i / SIZE), off = shot_at(&shot[0], c, i % SIZE, i / SIZE) - fine;
+            sum2 += fine * fine;
+            error2 += off * off;
+        }
+    print_message("# root mean square error %.4f\n", sqrt(error2 / sum2));
+    REQUIRE(sqrt(error2 / sum2) < 0.03);
+    shot_free(&shot[0]);
+    shot_free(&shot[1]);
 }
 
 /* Adjacent bricks are one solid: where they touch there is no surface. */
@@ -766,6 +849,7 @@ int main(void)
         cmocka_unit_test(light_that_a_wall_reflects_enters_elsewhere),
         cmocka_unit_test(a_plate_lights_what_faces_it_and_lets_nothing_through),
         cmocka_unit_test(a_red_wall_reddens_the_floor_before_it),
+        cmocka_unit_test(many_samples_light_large_triangles_evenly),
         cmocka_unit_test(bits_are_those_of_any_number_of_threads_and_of_a_new_renderer),
         cmocka_unit_test(bits_are_those_of_any_level),
         cmocka_unit_test(more_bounces_are_more_light_and_none_is_none),
@@ -774,6 +858,7 @@ int main(void)
         cmocka_unit_test(bricks_side_by_side_are_one_solid),
         cmocka_unit_test(sides_of_blocks_are_lit_from_the_rim),
         cmocka_unit_test(samples_keep_no_step_with_the_mesh),
+        cmocka_unit_test(long_thin_triangles_have_the_light_of_short_ones),
         cmocka_unit_test(a_mirroring_ground_leaves_no_spots),
         cmocka_unit_test(light_beside_an_edge_is_even),
         cmocka_unit_test(solids_that_nearly_touch_stay_apart),

@@ -22,6 +22,7 @@
 #include "shared/sampling.h"
 #include "shared/single.h"
 #include "shared/spread.h"
+#include "shared/subdivision.h"
 #include "shared/table.h"
 #include "shared/texture.h"
 #include "shared/thickness.h"
@@ -172,6 +173,12 @@ float around(vec3 n)
     return node.x + node.y + picture.x + picture.y;
 }
 
+float child(uint word, float x)
+{
+    const pell_child_cell q = pell_child_cell_at(word >> PELL_CELL_PATTERN_SHIFT, 1.0f - x, 0.5f * x, 0.5f * x);
+    return float((word & PELL_CELL_CHILD_MASK) + uint(q.child)) + q.w0 + q.w1 + q.w2;
+}
+
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
@@ -183,7 +190,7 @@ void main()
     const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
     const pell_light_data light = lights[i];
     const float ray = met(vec3(x), vec3(width), vec3(place), vec3(1.0f, x, value));
-    const float ends = spread(int(i), x) + passed(x, 0.3f) + pell_unit_float(pell_hash(i));
+    const float ends = spread(int(i), x) + child(i, x) + passed(x, 0.3f) + pell_unit_float(pell_hash(i));
     const float all = lit(light, vec3(x)) + ray + sampled(i) + around(vec3(x)) + ends + shown(x);
     result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), all,
                      (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);

@@ -11,6 +11,7 @@
 #include "shared/lobe.h"
 #include "shared/phase.h"
 #include "shared/sampling.h"
+#include "shared/subdivision.h"
 #include "shared/table.h"
 #include "shared/thickness.h"
 #include "shared/tone.h"
@@ -357,9 +358,38 @@ static void directions_have_their_places(void **state)
     REQUIRE(pell_panorama_uv(0.0f, 1.5f, 0.0f).y == 0.0f); /* rounded beyond the pole */
 }
 
+/* A point keeps its position in the child that contains it. Corners 3, 4, 5 of a child are the midpoints of sides 0, 1, 2. */
+static void points_of_a_cell_are_in_one_of_its_children(void **state)
+{
+    static const float corner[6][2] = { { 0, 0 }, { 1, 0 }, { 0, 1 }, { 0.5f, 0.5f }, { 0, 0.5f }, { 0.5f, 0 } };
+    static const int child_corner[4][4][3] = { { { 0, 5, 4 }, { 5, 1, 3 }, { 4, 3, 2 }, { 3, 4, 5 } },
+                                               { { 0, 1, 3 }, { 0, 3, 2 } },
+                                               { { 4, 1, 2 }, { 0, 1, 4 } },
+                                               { { 0, 5, 2 }, { 5, 1, 2 } } };
+    (void) state;
+
+    for (uint32_t pattern = 0; pattern < 4; pattern++)
+        for (int i = 0; i <= 16; i++)
+            for (int j = 0; j <= 16 - i; j++) {
+                const float u = (float) i / 16.0f, v = (float) j / 16.0f;
+                const struct pell_child_cell q = pell_child_cell_at(pattern, 1.0f - u - v, u, v);
+                const float w[3] = { q.w0, q.w1, q.w2 };
+                float at[2] = { 0.0f, 0.0f };
+                REQUIRE(q.child >= 0 && q.child < (pattern == 0 ? 4 : 2));
+                for (int k = 0; k < 3; k++)
+                    for (int axis = 0; axis < 2; axis++)
+                        at[axis] += w[k] * corner[child_corner[pattern][q.child][k]][axis];
+                REQUIRE(w[0] >= 0.0f && w[1] >= 0.0f && w[2] >= 0.0f);
+                REQUIRE_NEAR((double) (w[0] + w[1] + w[2]), 1.0, 1e-6);
+                REQUIRE_NEAR((double) at[0], (double) u, 1e-6);
+                REQUIRE_NEAR((double) at[1], (double) v, 1e-6);
+            }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(points_of_a_cell_are_in_one_of_its_children),
         cmocka_unit_test(reflectance_at_its_special_angles),
         cmocka_unit_test(refraction_is_snells_and_reversible),
         cmocka_unit_test(schlicks_weight_is_a_fifth_power),

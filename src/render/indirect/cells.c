@@ -1,27 +1,31 @@
 /* SPDX-License-Identifier: MIT
  *
- * cells.c - triangles larger than the distance of samples are subdivided into cells, four from one. Samples are distributed over cells and
- * triangles by area, one per square of the spacing. The cell around a point can be found.
+ * cells.c - triangles larger than the distance of samples are subdivided into cells (shared/subdivision.h): four from one, or two where a
+ * side is short (Rivara 1984), so that long thin triangles are not cut across, too. Samples are distributed over cells and triangles by area, one per
+ * square of the spacing. The cell around a point can be found.
  */
 #include "render/indirect/internal.h"
 
 #include "scene/triangle.h"
 
-#define MAX_CUTS (1u << 17)        /* largest number; remaining triangles stay whole */
-#define MAX_DEPTH 12               /* largest depth of subdivision */
+#define MAX_CUTS (1u << 17)        /* largest number of subdivisions, or the number of samples: with more, cells are larger */
+#define MAX_DEPTH 24               /* largest number of times that a side is bisected, over all sides of a triangle */
+#define CELL_SIZE 2.0f             /* longest side of a cell, in spacings */
+#define MIN_SIDE 0.5f              /* ratio of the shortest side to the longest up to which a triangle is bisected */
 #define PLASTIC 0.7548776662466927 /* 1 over the root of x^3 = x + 1: a second low-discrepancy sequence in addition to the golden section */
 #define MAX_RATIO 4.0              /* largest ratio of samples to the number requested */
 
 struct cutter {
     struct pell_indirect *in;
     struct indirect_spacing *spacing;
-    bool count_only; /* only count */
+    bool count_only;
+    float cell_size; /* longest side of cells, in spacings */
     double count;    /* running sum of areas, in samples, fractional */
     double first;    /* samples placed so far */
     uint32_t mesh, triangle;
     struct pell_vec3 corner[3];
     int sides;
-    size_t num_cuts;
+    size_t num_cuts, max_cuts;
     size_t room_cells, room_extra, room_samples;
     enum pell_result res;
 };
@@ -99,75 +103,103 @@ static uint32_t add_knot(struct cutter *c, const float at[2])
     return (uint32_t) (in->num_mesh_knots + in->num_extra++);
 }
 
-/* The four parts of a triangle with these corners: one at each corner, and one between the midpoints of the opposite sides. */
-static void quarter(const float corner[3][2], float child_corner[4][3][2])
-{
-    float middle[3][2];
+/* Corners of cells, in their triangle, and the knots there. */
+struct corners {
+    float at[3][2];
+    uint32_t knot[3];
+};
 
-    for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 2; k++)
-            middle[i][k] = 0.5f * (corner[(i + 1) % 3][k] + corner[(i + 2) % 3][k]);
-    for (int i = 0; i < 3; i++)
+/* Which corner of a subdivided cell is corner `slot` of a child; 3 + k: the midpoint of the side opposite corner k. */
+static int corner_of(uint32_t pattern, int child, int slot)
+{
+    const int opposite = (int) pattern - 1;
+
+    if (pattern == 0)
+        return child == 3 ? 3 + slot : child == slot ? slot : 3 + (3 - child - slot);
+    return slot == (opposite + 2 - child) % 3 ? 3 + opposite : slot;
+}
+
+/* Chooses the pattern of subdivision by the lengths of the sides; side k is opposite corner k. */
+static uint32_t choose_pattern(const float side[3])
+{
+    const int longest = side[0] >= side[1] && side[0] >= side[2] ? 0 : side[1] >= side[2] ? 1 : 2;
+    const float shortest = fminf(side[0], fminf(side[1], side[2]));
+
+    return shortest > MIN_SIDE * side[longest] ? 0 : 1 + (uint32_t) longest;
+}
+
+/* Finds the corners of the children, and adds the knots at the midpoints. */
+static void make_children(struct cutter *c, const struct corners *parent, uint32_t pattern, int count, struct corners *child)
+{
+    float at[6][2];
+    uint32_t knot[6] = { 0 };
+
+    for (int i = 0; i < 3; i++) {
         for (int k = 0; k < 2; k++) {
-            child_corner[i][i][k] = corner[i][k];
-            child_corner[i][(i + 1) % 3][k] = middle[(i + 2) % 3][k];
-            child_corner[i][(i + 2) % 3][k] = middle[(i + 1) % 3][k];
-            child_corner[3][i][k] = middle[i][k];
+            at[i][k] = parent->at[i][k];
+            at[3 + i][k] = 0.5f * (parent->at[(i + 1) % 3][k] + parent->at[(i + 2) % 3][k]);
+        }
+        knot[i] = parent->knot[i];
+        if (!c->count_only && (pattern == 0 || (int) pattern - 1 == i))
+            knot[3 + i] = add_knot(c, at[3 + i]);
+    }
+    for (int n = 0; n < count; n++)
+        for (int i = 0; i < 3; i++) {
+            const int k = corner_of(pattern, n, i);
+            child[n].at[i][0] = at[k][0];
+            child[n].at[i][1] = at[k][1];
+            child[n].knot[i] = knot[k];
         }
 }
 
 /* Subdivides a piece that is too large. `cell`: its index, or INDIRECT_NONE if it is the undivided triangle, which gets a cell if it is
  * subdivided. Returns its index. */
-static uint32_t subdivide(struct cutter *c, const float corner[3][2], const uint32_t knot[3], uint32_t cell, int depth)
+static uint32_t subdivide(struct cutter *c, const struct corners *piece, uint32_t cell, int depth)
 {
-    const float centre[2] = { (corner[0][0] + corner[1][0] + corner[2][0]) / 3.0f, (corner[0][1] + corner[1][1] + corner[2][1]) / 3.0f };
-    const struct pell_vec3 p[3] = { position_at(c, corner[0]), position_at(c, corner[1]), position_at(c, corner[2]) };
+    const float(*at)[2] = piece->at;
+    const float centre[2] = { (at[0][0] + at[1][0] + at[2][0]) / 3.0f, (at[0][1] + at[1][1] + at[2][1]) / 3.0f };
+    const struct pell_vec3 p[3] = { position_at(c, at[0]), position_at(c, at[1]), position_at(c, at[2]) };
     const float spacing = indirect_spacing_at(c->spacing, position_at(c, centre));
     struct pell_indirect *in = c->in;
-    float longest = 0.0f, child_corner[4][3][2];
-    uint32_t middle[3] = { 0 }, child;
+    struct corners child[4];
+    float side[3], longest;
+    uint32_t pattern, first_child;
+    int count;
 
     for (int i = 0; i < 3; i++)
-        longest = fmaxf(longest, vec3_length(vec3_sub(p[i], p[(i + 1) % 3])));
-    if (!(longest > 2.0f * spacing) || depth == MAX_DEPTH || c->num_cuts == MAX_CUTS || c->res != PELL_OK) {
-        spread_samples(c, corner, depth == 0, 0.5 * (double) vec3_length(pell_triangle_cross(p)), spacing);
+        side[i] = vec3_length(vec3_sub(p[(i + 1) % 3], p[(i + 2) % 3]));
+    longest = fmaxf(side[0], fmaxf(side[1], side[2]));
+    if (!(longest > c->cell_size * spacing) || depth >= MAX_DEPTH || c->num_cuts == c->max_cuts || c->res != PELL_OK) {
+        spread_samples(c, at, depth == 0, 0.5 * (double) vec3_length(pell_triangle_cross(p)), spacing);
         return cell;
     }
     c->num_cuts++;
-    quarter(corner, child_corner);
+    pattern = choose_pattern(side);
+    count = pattern == 0 ? 4 : 2;
+    make_children(c, piece, pattern, count, child);
+    depth += pattern == 0 ? 2 : 1;
     if (c->count_only) {
-        for (int i = 0; i < 4; i++)
-            subdivide(c, child_corner[i], knot, 0, depth + 1);
+        for (int i = 0; i < count; i++)
+            subdivide(c, &child[i], 0, depth);
         return cell;
     }
-    for (int i = 0; i < 3; i++)
-        middle[i] = add_knot(c, child_corner[3][i]);
     grow(c, (void **) &in->cells, in->num_cells + 5, &c->room_cells, sizeof(*in->cells));
     if (c->res != PELL_OK)
         return cell;
     if (cell == INDIRECT_NONE)
-        in->cells[cell = (uint32_t) in->num_cells++] = (struct indirect_cell) { 0, { knot[0], knot[1], knot[2] } };
-    child = (uint32_t) in->num_cells;
-    in->cells[cell].child = child;
-    in->num_cells += 4;
-    for (int i = 0; i < 3; i++) {
-        struct indirect_cell *q = &in->cells[child + (uint32_t) i];
-        *q = (struct indirect_cell) { 0, { 0 } };
-        q->knot[i] = knot[i];
-        q->knot[(i + 1) % 3] = middle[(i + 2) % 3];
-        q->knot[(i + 2) % 3] = middle[(i + 1) % 3];
-    }
-    in->cells[child + 3] = (struct indirect_cell) { 0, { middle[0], middle[1], middle[2] } };
-    for (uint32_t i = 0; i < 4; i++) {
-        const struct indirect_cell q = in->cells[child + i];
-        subdivide(c, child_corner[i], q.knot, child + i, depth + 1);
-    }
+        in->cells[cell = (uint32_t) in->num_cells++] = (struct indirect_cell) { 0, { piece->knot[0], piece->knot[1], piece->knot[2] } };
+    first_child = (uint32_t) in->num_cells;
+    in->cells[cell].child = first_child | pattern << PELL_CELL_PATTERN_SHIFT;
+    in->num_cells += (size_t) count;
+    for (int i = 0; i < count; i++)
+        in->cells[first_child + (uint32_t) i] = (struct indirect_cell) { 0, { child[i].knot[0], child[i].knot[1], child[i].knot[2] } };
+    for (int i = 0; i < count; i++)
+        subdivide(c, &child[i], first_child + (uint32_t) i, depth);
     return cell;
 }
 
 static void subdivide_mesh(struct cutter *c, uint32_t mesh_index)
 {
-    static const float unit_triangle[3][2] = { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } };
     struct pell_indirect *in = c->in;
     const struct pell_scene *scene = in->p.scene;
     const struct pell_mesh *mesh = &scene->meshes[mesh_index];
@@ -176,7 +208,9 @@ static void subdivide_mesh(struct cutter *c, uint32_t mesh_index)
     c->mesh = mesh_index;
     c->sides = scene->materials[mesh->material].opaque ? 2 : 1;
     for (uint32_t t = 0; t < mesh->num_triangles && c->res == PELL_OK; t++) {
-        const uint32_t *index = mesh->index + 3 * (size_t) t, knot[3] = { first + index[0], first + index[1], first + index[2] };
+        const uint32_t *index = mesh->index + 3 * (size_t) t;
+        const struct corners whole = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } },
+                                       { first + index[0], first + index[1], first + index[2] } };
         uint32_t cell;
         if (pell_cancelled_at(in->ctx, t))
             c->res = PELL_ERR_CANCELLED;
@@ -185,34 +219,47 @@ static void subdivide_mesh(struct cutter *c, uint32_t mesh_index)
             c->corner[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
         if (!(vec3_length(pell_triangle_cross(c->corner)) > 0.0f)) /* its pieces may have nonzero area, by rounding */
             continue;
-        cell = subdivide(c, unit_triangle, knot, INDIRECT_NONE, 0);
+        cell = subdivide(c, &whole, INDIRECT_NONE, 0);
         if (!c->count_only)
             in->roots[in->meshes[mesh_index].first_root + t] = cell;
     }
 }
 
-/* Runs one pass. The first pass counts samples, so that the second keeps to the requested number. */
+/* Subdivides all meshes. Returns the number of samples, fractional. */
 static double subdivide_all(struct cutter *c)
 {
-    const struct pell_scene *scene = c->in->p.scene;
+    struct pell_indirect *in = c->in;
+    const struct pell_scene *scene = in->p.scene;
     double all = 0.0;
 
+    c->count = c->first = 0.0;
+    c->num_cuts = in->num_cells = in->num_extra = in->num_samples = 0;
     for (uint32_t i = 0; i < scene->num_meshes && c->res == PELL_OK; i++) {
         const double before = c->count;
         if (!indirect_shown(scene, &scene->meshes[i]))
             continue;
         subdivide_mesh(c, i);
         all += (c->count - before) * c->sides;
-        if (pell_cancelled(c->in->ctx))
+        if (pell_cancelled(in->ctx))
             c->res = PELL_ERR_CANCELLED;
     }
     return all;
 }
 
+/* The same with cells as large as the limit on their number requires. */
+static double subdivide_within_limit(struct cutter *c)
+{
+    double count = subdivide_all(c);
+
+    for (; c->res == PELL_OK && c->num_cuts == c->max_cuts; count = subdivide_all(c))
+        c->cell_size *= 2.0f;
+    return count;
+}
+
 enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_spacing *spacing)
 {
     const struct pell_scene *scene = in->p.scene;
-    struct cutter c = { .in = in, .spacing = spacing, .count_only = true, .res = PELL_OK };
+    struct cutter c = { .in = in, .spacing = spacing, .cell_size = CELL_SIZE, .res = PELL_OK };
     uint64_t knots = 0, roots = 0;
     double count;
 
@@ -231,15 +278,16 @@ enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_s
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < in->num_roots; i++)
         in->roots[i] = INDIRECT_NONE;
-    count = subdivide_all(&c);
+    c.max_cuts = in->p.samples > (int) MAX_CUTS ? (size_t) in->p.samples : MAX_CUTS;
+    c.count_only = true; /* the first pass counts samples, so that the second keeps to the requested number */
+    count = subdivide_within_limit(&c);
     if (c.res != PELL_OK)
         return c.res;
     if (count > 0.0)
         spacing->scale = (float) sqrt(count / in->p.samples);
     c.count_only = false;
-    c.count = 0.0;
-    c.num_cuts = 0;
-    subdivide_all(&c);
+    c.cell_size = CELL_SIZE;
+    subdivide_within_limit(&c);
     in->num_knots = in->num_mesh_knots + in->num_extra;
     in->num_values = in->num_knots + in->num_extra;
     for (size_t i = 0; i < scene->num_meshes; i++)

@@ -27,7 +27,6 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->reflected);
     pell_free(in->ctx, in->previous);
     pell_free(in->ctx, in->area);
-    pell_free(in->ctx, in->ray_transmittance);
     pell_free(in->ctx, in->direct);
     pell_free(in->ctx, in->albedo);
     pell_free(in->ctx, in->part);
@@ -230,12 +229,11 @@ static void gather_chunk(void *arg, int index, int worker)
         const struct indirect_link *links = &in->links[i * INDIRECT_RAYS];
         const struct indirect_specular_link *specular_links =
             in->specular_links && s->bounce > 0 ? &in->specular_links[i * INDIRECT_SPECULAR_LINKS] : NULL;
-        const float *transmittance = in->ray_transmittance[in->samples[i].material];
         float sum[3] = { 0.0f, 0.0f, 0.0f };
         if (in->reflected)
             memcpy(sum, in->reflected[i], sizeof(sum));
         for (int k = 0; k < INDIRECT_RAYS; k++) {
-            const float w = transmittance[k] * (float) links[k].factor;
+            const float w = (float) links[k].factor * (1.0f / (INDIRECT_RAYS * INDIRECT_STEPS));
             const float *light = in->leaving[links[k].sample];
             for (int c = 0; c < 3; c++)
                 sum[c] += w * light[c];

@@ -22,7 +22,7 @@ enum { CHUNK = 32, MAX_STEPS = 60 };
 #define MIN_OWN                                                                                                                            \
     0.5f                 /* least diagonal entry, as a fraction of the disc integral of the point's own area: for points next to a
                               * large one */
-#define TOLERANCE 1e-6   /* requested residual, relative to the right-hand side, */
+#define TOLERANCE 1e-5   /* requested residual, relative to the right-hand side, */
 #define ACCEPTED 1e-4    /* and the residual that is accepted after MAX_STEPS */
 #define CLOSED_MAX 0.15f /* missing solid angle (of 1/2) up to which the surface is taken to be closed, */
 #define OPEN_MIN 0.3f    /* and from which it is taken to be open */
@@ -213,6 +213,12 @@ void equation_finish(struct equation *e)
 
 /* --- Matrix entries ------------------------------------------------------------------------------------------------------------------- */
 
+/* Sums over the elements of a row, the same for all channels. */
+struct surroundings {
+    float area, visible_area; /* mm^2: of the points nearby, and the part of it that methods see */
+    float double_layer0;      /* integral of dG/dn without absorption */
+};
+
 /* Sums of a row of one channel. */
 struct row {
     uint32_t point;
@@ -231,13 +237,13 @@ static float disc_integral(float kappa, float area, float above)
 /* G from sources vertically below a point at this distance, as deep as those of point i. */
 static float source_kernel(const struct equation_channel *q, uint32_t i, float inward, float distance2)
 {
-    float method_exitance = 0.0f;
+    float sum = 0.0f;
 
     for (int k = 0; k < 2; k++) {
         const float z = inward * q->source_depth[k][i], r = sqrtf(fmaxf(distance2 + z * z, q->min_distance2[k]));
-        method_exitance += q->path_weight[k] * expf(-q->kappa * r) / (4.0f * PELL_PI_F * r);
+        sum += q->path_weight[k] * expf(-q->kappa * r) / (4.0f * PELL_PI_F * r);
     }
-    return method_exitance;
+    return sum;
 }
 
 /* Integral of G over sources below a disc around a point. */
@@ -269,15 +275,15 @@ static void add_block(const struct equation *e, const struct equation_channel *q
     const double *light = q->light + first, *source = q->source + first;
 
     for (uint32_t i = 0; i < count; i++) {
-        const float path_weight = visible_fraction(e, b->facing[i]), r2 = e->along_surface ? b->r2[i] * arc_factor(b->facing[i]) : b->r2[i];
+        const float visible = visible_fraction(e, b->facing[i]), r2 = e->along_surface ? b->r2[i] * arc_factor(b->facing[i]) : b->r2[i];
         float term = 0.0f;
         row->rhs += i == diagonal ? 0.0 : (double) b->from_sources[i] * source[i];
         if (i == diagonal) {
             row->own_sources = b->from_sources[i];
             continue;
         }
-        if (path_weight > 0.0f) {
-            term = path_weight * radial_at(&q->radial, r2) * e->patches.area[first + i];
+        if (visible > 0.0f) {
+            term = visible * radial_at(&q->radial, r2) * e->patches.area[first + i];
             row->method_exitance += (double) term * light[i];
             row->profile += term;
         }
@@ -312,37 +318,36 @@ static void keep_edge_values(const struct equation_block *b, uint32_t first, int
     }
 }
 
-/* Adds to sum[0] the area around a point, to sum[1] the part of it that methods see, to sum[2] the integral of dG/dn without absorption. */
-static void add_areas(const struct equation *e, const struct equation_block *b, uint32_t first, uint32_t count, uint32_t diagonal,
-                      float method_exitance[3])
+static void add_surroundings(const struct equation *e, const struct equation_block *b, uint32_t first, uint32_t count, uint32_t diagonal,
+                             struct surroundings *around)
 {
     for (uint32_t i = 0; i < count; i++) {
         const float area = e->patches.area[first + i];
         if (i == diagonal)
             continue;
-        method_exitance[2] += b->double_layer0[i];
+        around->double_layer0 += b->double_layer0[i];
         if (b->r2[i] < e->window2 && b->facing[i] > MIN_FACING) {
-            method_exitance[0] += area;
-            method_exitance[1] += visible_fraction(e, b->facing[i]) * area;
+            around->area += area;
+            around->visible_area += visible_fraction(e, b->facing[i]) * area;
         }
     }
 }
 
 /* Computes the diagonal entry of a point, which is what a disc of the nearby points exceeds their sum by, and its right-hand side. */
 static void finish_row(const struct equation *e, struct equation_channel *q, uint32_t i, const struct row *row,
-                       const float method_exitance[3], uint32_t diagonal)
+                       const struct surroundings *around, uint32_t diagonal)
 {
     const float own_sources = disc_integral(q->kappa, e->patches.area[i], 0.0f);
-    const float single_layer = fmaxf(disc_integral(q->kappa, method_exitance[0], 0.0f) - row->single_layer, MIN_OWN * own_sources);
+    const float single_layer = fmaxf(disc_integral(q->kappa, around->area, 0.0f) - row->single_layer, MIN_OWN * own_sources);
     const float unobstructed = e->patches.area[i] * source_kernel(q, i, row->inward, 0.0f);
     const float moved = fmaxf(1.0f - row->own_sources / unobstructed, 0.0f); /* fraction of the sources below the point that its oblique
                                                                               * light moves elsewhere */
-    const float from_sources = source_kernel_disc(q, i, row->inward, method_exitance[0]) - row->from_sources -
+    const float from_sources = source_kernel_disc(q, i, row->inward, around->area) - row->from_sources -
                                moved * source_kernel_disc(q, i, row->inward, e->patches.area[i]);
-    const float term = fmaxf(q->window_total * method_exitance[1] / (PELL_PI_F * e->window2) - row->near_profile, 0.0f);
+    const float term = fmaxf(q->window_total * around->visible_area / (PELL_PI_F * e->window2) - row->near_profile, 0.0f);
     /* Methods that see only a part of the profile normalize by that part. */
     const float profile = row->profile + term;
-    float missing = -0.5f - method_exitance[2];
+    float missing = -0.5f - around->double_layer0;
 
     q->rhs[i] = (row->rhs + (double) fmaxf(from_sources, 0.0f) * q->point_source[i]) * (double) (q->source_scale / q->s);
     q->method_exitance[i] = profile > 0.0f ? (row->method_exitance + (double) term * q->light[i]) * (double) (q->total / profile) : 0.0;
@@ -360,7 +365,7 @@ static void fill_row(struct equation *e, uint32_t i)
     struct equation_block b;
     struct row row[3] = { { .rhs = 0.0 } };
     const float inward = -(x->normal.x * e->patches.wx[i] + x->normal.y * e->patches.wy[i] + x->normal.z * e->patches.wz[i]);
-    float method_exitance[3] = { x->area, x->area, 0.0f };
+    struct surroundings around = { .area = x->area, .visible_area = x->area };
     double rhs[3] = { 0.0 };
     struct edges edges;
     uint32_t at = e->first_entry[i], diagonal = at;
@@ -377,7 +382,7 @@ static void fill_row(struct equation *e, uint32_t i)
             const uint32_t before = edges.count;
             count = e->run[r].count - k < EQUATION_BLOCK ? e->run[r].count - k : EQUATION_BLOCK;
             e->kernels->measure(&e->patches, first, count, &receiver, &b);
-            add_areas(e, &b, first, count, own_entry, method_exitance);
+            add_surroundings(e, &b, first, count, own_entry, &around);
             add_edge_elements(e, &b, first, count, at, &edges);
             if (own_entry < count)
                 diagonal = at + own_entry;
@@ -396,12 +401,12 @@ static void fill_row(struct equation *e, uint32_t i)
                 keep_edge_values(&b, first, c, before, &edges);
             }
         }
-    equation_correct_edges(e, i, &edges, &method_exitance[2], rhs);
+    equation_correct_edges(e, i, &edges, &around.double_layer0, rhs);
     for (int c = 0; c < 3; c++)
         row[c].rhs += rhs[c];
     for (int c = 0; c < 3; c++)
         if (e->channel[c].active)
-            finish_row(e, &e->channel[c], i, &row[c], method_exitance, diagonal);
+            finish_row(e, &e->channel[c], i, &row[c], &around, diagonal);
 }
 
 static void fill_chunk(void *arg, int chunk, int worker)
@@ -436,10 +441,10 @@ static void product_chunk(void *arg, int chunk, int worker)
     (void) worker;
     for (uint32_t i = rows_of(e, chunk, &end); i < end; i++) {
         const float *matrix = p->channel->matrix + e->first_entry[i];
-        double method_exitance = 0.0;
+        double sum = 0.0;
         for (uint32_t r = e->first_run[i]; r < e->first_run[i + 1]; matrix += e->run[r++].count)
-            method_exitance += e->kernels->product(matrix, e->extended + e->run[r].first, e->run[r].count);
-        p->to[i] = method_exitance;
+            sum += e->kernels->product(matrix, e->extended + e->run[r].first, e->run[r].count);
+        p->to[i] = sum;
     }
 }
 
@@ -449,10 +454,10 @@ void equation_extend(const struct equation *e, double *extended)
 
     for (uint32_t k = 0; k < p->num_clusters; k++) {
         const struct cluster *c = &p->cluster[k];
-        double method_exitance = 0.0;
+        double sum = 0.0;
         for (uint32_t j = c->first; j < c->end; j++)
-            method_exitance += (double) p->point[j].area * extended[j];
-        extended[p->count + k] = c->area > 0.0f ? method_exitance / (double) c->area : 0.0;
+            sum += (double) p->point[j].area * extended[j];
+        extended[p->count + k] = c->area > 0.0f ? sum / (double) c->area : 0.0;
     }
 }
 
@@ -468,11 +473,11 @@ static void multiply(struct equation *e, const struct equation_channel *channel,
 
 static double dot(const double *a, const double *b, uint32_t n)
 {
-    double method_exitance = 0.0;
+    double sum = 0.0;
 
     for (uint32_t i = 0; i < n; i++)
-        method_exitance += a[i] * b[i];
-    return method_exitance;
+        sum += a[i] * b[i];
+    return sum;
 }
 
 /* Orthogonalizes the last basis vector against those before it: its components go to h, its remaining length behind them. */

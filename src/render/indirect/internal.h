@@ -12,9 +12,10 @@
 #include "math/sampling.h"
 #include "math/vec.h"
 #include "scene/material_maps.h"
+#include "shared/subdivision.h"
 #include "transport/light_tree.h"
 
-#define INDIRECT_RAYS 96 /* per sample */
+#define INDIRECT_RAYS 64 /* per sample */
 #define INDIRECT_NONE UINT32_MAX
 #define INDIRECT_RAY_OFFSET 1.0e-4f /* of the largest coordinate: offset of ray origins from the surface */
 
@@ -29,9 +30,9 @@ struct indirect_sample {
     bool back;                         /* on the side from which the triangle's corners run clockwise */
 };
 
-/* A triangle that was subdivided recursively into four. A leaf has no children. */
+/* A part of a triangle that was subdivided recursively (shared/subdivision.h). */
 struct indirect_cell {
-    uint32_t child;   /* first of four children: at corners 0, 1, 2, and the middle one. 0: leaf */
+    uint32_t child;   /* first child and pattern; 0: no children */
     uint32_t knot[3]; /* knots at its corners */
 };
 
@@ -48,7 +49,7 @@ struct indirect_mesh {
                           * subdivided */
 };
 
-/* A light path to a sample, and the exit factor there in steps of 1/INDIRECT_STEPS. */
+/* A light path to a sample: the factor by which its light leaves there and enters here, in steps of 1/INDIRECT_STEPS. */
 #define INDIRECT_STEPS 180.0f
 #define INDIRECT_SAMPLES_MOST (1u << 24)
 struct indirect_link {
@@ -56,7 +57,7 @@ struct indirect_link {
 };
 
 /* A light path to a sample by a reflection where a ray ends, with its weight. */
-#define INDIRECT_SPECULAR_LINKS 32
+#define INDIRECT_SPECULAR_LINKS 16
 struct indirect_specular_link {
     uint32_t sample;
     float factor;
@@ -105,8 +106,7 @@ struct pell_indirect {
     struct indirect_sample *samples;
     size_t num_samples;
     struct indirect_link *links;                   /* [sample][INDIRECT_RAYS] */
-    struct indirect_specular_link *specular_links; /* [sample][INDIRECT_MIRRORED]; NULL: nothing is translucent */
-    float (*ray_transmittance)[INDIRECT_RAYS];     /* per scene material: T of each ray's direction, over INDIRECT_RAYS INDIRECT_STEPS */
+    struct indirect_specular_link *specular_links; /* [sample][INDIRECT_SPECULAR_LINKS]; NULL: nothing is translucent */
 
     struct indirect_near *near; /* of each value */
 
@@ -200,10 +200,12 @@ static inline void indirect_find(const struct pell_indirect *in, uint32_t mesh, 
         return;
     }
     while (in->cells[cell].child) {
-        const int at = w[0] >= 0.5f ? 0 : w[1] >= 0.5f ? 1 : w[2] >= 0.5f ? 2 : 3;
-        for (int i = 0; i < 3; i++)
-            w[i] = at == 3 ? 1.0f - 2.0f * w[i] : i == at ? 2.0f * w[i] - 1.0f : 2.0f * w[i];
-        cell = in->cells[cell].child + (uint32_t) at;
+        const uint32_t word = in->cells[cell].child;
+        const struct pell_child_cell q = pell_child_cell_at(word >> PELL_CELL_PATTERN_SHIFT, w[0], w[1], w[2]);
+        w[0] = q.w0;
+        w[1] = q.w1;
+        w[2] = q.w2;
+        cell = (word & PELL_CELL_CHILD_MASK) + (uint32_t) q.child;
     }
     for (int i = 0; i < 3; i++) {
         knot[i] = in->cells[cell].knot[i];

@@ -13,7 +13,7 @@
 #include <string.h>
 
 #define REACH 2.6f      /* initial search radius, in spacings */
-#define MAX_TRIES 4     /* largest sample_index of times that the radius is doubled until there is a sample */
+#define MAX_TRIES 4     /* largest number of times that the radius is doubled until there is a sample */
 #define MIN_FACING 0.3f /* least cosine between the normals */
 #define MAX_SLOPE 0.9f  /* largest relative change of a weight by the correction */
 #define CHUNK 1024      /* knots per task */

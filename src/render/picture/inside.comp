@@ -14,6 +14,7 @@ layout(local_size_x = 64) in;
 #include "render/picture/device_data.h"
 #include "shared/curvature.h"
 #include "shared/leaving.h"
+#include "shared/subdivision.h"
 layout(set = 0, binding = 0) readonly buffer Hits { pell_picture_hit hits[]; };
 layout(set = 0, binding = 1) readonly buffer Lit { pell_lit_material materials[]; };
 layout(set = 0, binding = 2) readonly buffer Frame { pell_picture_frame fr; };
@@ -174,10 +175,10 @@ struct Knots {
             knot[n] = table[row] + corners[meshes[mesh].corners + 3u * hits[i].triangle + n];                                              \
         if (cell != NONE) {                                                                                                                \
             while (table[table[1] + 4u * cell] != 0u) {                                                                                    \
-                const int at = w[0] >= 0.5 ? 0 : w[1] >= 0.5 ? 1 : w[2] >= 0.5 ? 2 : 3;                                                    \
-                for (int n = 0; n < 3; n++)                                                                                                \
-                    w[n] = at == 3 ? 1.0 - 2.0 * w[n] : n == at ? 2.0 * w[n] - 1.0 : 2.0 * w[n];                                           \
-                cell = table[table[1] + 4u * cell] + uint(at);                                                                             \
+                const uint word = table[table[1] + 4u * cell];                                                                             \
+                const pell_child_cell q = pell_child_cell_at(word >> PELL_CELL_PATTERN_SHIFT, w[0], w[1], w[2]);                           \
+                w = vec3(q.w0, q.w1, q.w2);                                                                                                \
+                cell = (word & PELL_CELL_CHILD_MASK) + uint(q.child);                                                                      \
             }                                                                                                                              \
             for (uint n = 0u; n < 3u; n++)                                                                                                 \
                 knot[n] = table[table[1] + 4u * cell + 1u + n];                                                                            \
