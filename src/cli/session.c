@@ -495,7 +495,7 @@ enum exit_code session_open_at(struct cli *cli, const char *path, const double *
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_renderer_create(s->device, &s->renderer));
     if (code == EXIT_OK)
-        pell_renderer_measure_copies(s->renderer, cli->stats || cli->json);
+        pell_renderer_measure_bandwidth(s->renderer, cli->stats || cli->json);
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_renderer_set_scene(s->renderer, s->scene));
     if (code == EXIT_OK)

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * angle.h - angular dependence of the light that a translucent medium returns, since profiles assume normal incidence: a factor base +
  * slope (1 - m), m the refracted cosine, for light that enters and for light that leaves (pell_half_space_angle_of in pellucid/profile.h).
- *
  */
 #ifndef PELL_ANGLE_H
 #define PELL_ANGLE_H
@@ -16,7 +15,7 @@ struct pell_angle {
     float enter_mean[3];               /* for diffuse light */
     float exit_base[3], exit_slope[3]; /* mean over diffuse light: 1 */
     float pass_base[3], pass_slope[3]; /* factor for transmitted light, over the factor above (optics/medium/passing.h), */
-    float pass_thick[3];               /* 1/mm: inverse of the thickness from which it applies in full */
+    float pass_per_mm[3];              /* 1/mm: inverse of the thickness from which it applies in full */
 };
 
 /* The refracted direction toward the camera: v, and n the normal, both unit. */

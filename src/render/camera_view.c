@@ -39,7 +39,7 @@ static int common_divisor(int a, int b)
 
 void pell_view_through(struct pell_view *v, const struct pell_lens *lens, int i, int n)
 {
-    int stride = (int) (0.381966 * n) + 1;
+    int stride = (int) (PELL_GOLDEN_TURN * n) + 1;
     double p[2];
 
     if (!(lens->radius > 0.0f) || n <= 1)
@@ -53,7 +53,8 @@ void pell_view_through(struct pell_view *v, const struct pell_lens *lens, int i,
     v->shift_y += (float) (v->focal_px * lens->radius * p[1] / lens->focus);
 }
 
-/* First pixel whose centre is at or above `low`, less the border, in [0, size]; the same for the end. Huge numbers are cut first. */
+/* First pixel whose centre is at or above `low`, less the border, in [0, size]; the same for the end. Clamps before it converts: large
+ * numbers would overflow. */
 static int first_pixel(double low, int size)
 {
     const double x = ceil(low) - 1.0;
@@ -70,7 +71,7 @@ struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_mi
 {
     const struct pell_rect all = { 0, 0, v->width, v->height }, none = { 0 };
     double low[2] = { INFINITY, INFINITY }, high[2] = { -INFINITY, -INFINITY };
-    bool reaches_behind = false, before = false;
+    bool reaches_behind = false, in_front = false;
 
     for (int c = 0; c < 3; c++)
         if (bounds_min[c] > bounds_max[c])
@@ -89,14 +90,14 @@ struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_mi
 
         if (!isfinite(size))
             return all;
-        before |= z > 0.0;
+        in_front |= z > 0.0;
         reaches_behind |= !v->orthographic && !(z > 1e-5 * size);
         low[0] = fmin(low[0], px);
         high[0] = fmax(high[0], px);
         low[1] = fmin(low[1], py);
         high[1] = fmax(high[1], py);
     }
-    if (!before)
+    if (!in_front)
         return none;
     if (reaches_behind)
         return all;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * device.c - threads, an engine, and the Vulkan device of one. */
+ * device.c - devices: a thread pool, an engine, and the Vulkan device of the engine vulkan. */
 #include "render/engine.h"
 
 #include "base/simd.h"

@@ -50,6 +50,7 @@ struct pell_method_engine {
     /* With `planes`, before each record_in, while no list is recorded: prepares the host's data of a sample. `in` has no planes. NULL:
      * nothing to prepare. */
     enum pell_result (*prepare)(void *state, const struct pell_frame *in);
+    /* See pell_pass_unfinished and pell_pass_unwritten; NULL: always false. */
     bool (*unfinished)(const void *state);
     bool (*unwritten)(const void *state);
 };
@@ -68,7 +69,7 @@ struct pell_scene_materials {
     uint16_t *frame_index;             /* per scene material + 1: the frame's material + 1, or 0 */
     struct pell_frame_material *frame; /* the translucent ones */
     size_t count;                      /* in `frame`, without the copies below */
-    size_t count_apart;                /* including copies for further objects of a material */
+    size_t count_with_copies;          /* including copies for further objects of a material */
     uint16_t *of_mesh;        /* per mesh: the frame's material + 1 used by its object alone, or 0; NULL: no two objects share a material */
     float (*total)[3];        /* per scene material: total reflectance of its profile, */
     float (*radius)[3];       /* and its mean radius times the material's strength, mm; 0: opaque */
@@ -77,7 +78,7 @@ struct pell_scene_materials {
     struct pell_angle *angle_without_single;       /* per scene material: `angle` of the profile without single scattering */
     bool separates_single;                         /* these apply in this frame */
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
-    struct pell_stack **stack;                     /* their layers, borrowed by those of `frame` */
+    struct pell_stack **stack;                     /* layers of layered materials, borrowed by the materials in `frame` */
     size_t num_stacks;
 };
 
@@ -161,7 +162,8 @@ struct pell_engine_interface {
     enum pell_result (*open)(struct pell_context *ctx, struct pell_pool *pool, struct pell_gpu *gpu, void **engine);
     void (*close)(void *engine);
 
-    /* `frame->plan` is NULL for all but a second call for PELL_ENGINE_PLANES, and its `covered` and `lens` are not set. */
+    /* Of `frame` only scene, settings, materials and notes are set; and `plan` for PELL_ENGINE_THROUGH, PELL_ENGINE_UNSCATTERED, and the
+     * second of two calls for PELL_ENGINE_PLANES. */
     enum pell_result (*make)(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame);
     /* Drops a resource, if it exists. */
     void (*drop)(void *engine, enum pell_engine_resource resource);
@@ -194,7 +196,7 @@ struct pell_device {
     struct pell_pool *pool;
     enum pell_engine id;
     const struct pell_engine_interface *engine;
-    struct pell_engine_interface own;      /* of the engine vulkan */
+    struct pell_engine_interface own;      /* what `engine` points to for the engine vulkan */
     struct pell_gpu *gpu;                  /* NULL: another engine */
     struct pell_gpu_buffer *const *planes; /* see pell_services; NULL: none */
 };

@@ -62,19 +62,18 @@ static void drop_planes(struct pell_cpu *e)
     pell_free(e->ctx, e->pinhole_tiles);
     pell_free(e->ctx, e->rows);
     pell_free(e->ctx, e->spread_lit);
-    pell_free(e->ctx, e->hidden_lit);
+    pell_free(e->ctx, e->has_hidden);
     memset(&e->lighting, 0, sizeof(e->lighting));
     memset(&e->sum, 0, sizeof(e->sum));
     memset(e->display, 0, sizeof(e->display));
-    memset(e->room, 0, sizeof(e->room));
     memset(e->plane, 0, sizeof(e->plane));
-    memset(e->glow, 0, sizeof(e->glow));
+    memset(e->bloom_scratch, 0, sizeof(e->bloom_scratch));
     memset(e->pinhole, 0, sizeof(e->pinhole));
     e->num_blocks = 0;
     e->pinhole_tiles = NULL;
     e->rows = NULL;
-    e->spread_lit = e->hidden_lit = NULL;
-    e->sized = false;
+    e->spread_lit = e->has_hidden = NULL;
+    e->has_planes = false;
 }
 
 static enum pell_result allocate(struct pell_cpu *e, const struct pell_settings *s, const struct pell_planes_wanted *w)
@@ -89,8 +88,8 @@ static enum pell_result allocate(struct pell_cpu *e, const struct pell_settings 
     return res;
 }
 
-/* Whether the frame has a plane that belongs to no stage. */
-static bool is_asked(int plane, const struct pell_engine_frame *frame)
+/* Whether the engine owns this plane of the frame: it is required, and belongs to no stage. */
+static bool has_own_plane(int plane, const struct pell_engine_frame *frame)
 {
     const struct pell_plane_info *p = pell_plane_at(plane);
     const struct pell_plan *plan = frame->plan;
@@ -112,7 +111,7 @@ bool pell_cpu_spreads(const struct pell_engine_frame *frame)
     return frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION) && frame->plan->spreads;
 }
 
-/* Whether shadows of highlights are noisy. */
+/* Whether the shadows of highlights are noisy, so that pixels share them. */
 static bool shares_highlights(const struct pell_engine_frame *frame)
 {
     bool any = false;
@@ -132,9 +131,8 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     const bool by_object = pell_separates_objects(frame->materials, frame->plan);
     struct pell_planes_wanted w = { .count = 0 };
     enum pell_result res;
-    size_t blocks;
 
-    if (!e->sized)
+    if (!e->has_planes)
         PELL_TRY(pell_surface_allocate(e->ctx, s->width, s->height, &e->surface));
     pell_planes_want(&w, e->lighting.irradiance, 3);
     pell_planes_want(&w, e->lighting.transmitted, 3);
@@ -144,8 +142,6 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     if (shares_highlights(frame)) {
         pell_planes_want(&w, e->lighting.hidden, 3);
         pell_planes_want(&w, e->lighting.lost, 3);
-        if (!is_asked(PELL_PLANE_LIGHT, frame))
-            pell_planes_want(&w, e->room, 3);
     }
     if (pell_cpu_spreads(frame))
         pell_planes_want(&w, &e->lighting.path, 1);
@@ -156,7 +152,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
             pell_planes_want(&w, pell_output_layer_planes(&e->sum, l), l->components);
     }
     for (int i = 0; i < PELL_PLANES; i++)
-        if (is_asked(i, frame))
+        if (has_own_plane(i, frame))
             pell_planes_want(&w, e->plane[i], pell_plane_at(i)->components);
     if (by_object || hits)
         pell_planes_want(&w, e->plane[PELL_PLANE_MESH], 1);
@@ -165,7 +161,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
         pell_planes_want(&w, e->plane[PELL_PLANE_BARYCENTRIC], 2);
     }
     if (s->bloom > 0.0f)
-        pell_planes_want(&w, e->glow, PELL_BLOOM_PLANES);
+        pell_planes_want(&w, e->bloom_scratch, PELL_BLOOM_PLANES);
     if (s->dof)
         pell_planes_want(&w, e->pinhole, PELL_DOF_PLANES);
     PELL_TRY(allocate(e, s, &w));
@@ -174,11 +170,11 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
         goto fail;
     if (s->dof && !e->pinhole_tiles && !(e->pinhole_tiles = pell_calloc(e->ctx, pell_dof_tiles(s->width, s->height), sizeof(float))))
         goto fail;
-    blocks = pell_spread_blocks(e->surface.stride) * (size_t) s->height;
-    if (pell_cpu_spreads(frame) && !e->spread_lit && !(e->spread_lit = pell_calloc(e->ctx, blocks, 2)))
+    if (pell_cpu_spreads(frame) && !e->spread_lit &&
+        !(e->spread_lit = pell_calloc(e->ctx, pell_spread_blocks(e->surface.stride) * (size_t) s->height, 2)))
         goto fail;
-    if (shares_highlights(frame) && !e->hidden_lit &&
-        !(e->hidden_lit = pell_calloc(e->ctx, pell_highlights_blocks(e->surface.stride) * (size_t) s->height, 1)))
+    if (shares_highlights(frame) && !e->has_hidden &&
+        !(e->has_hidden = pell_calloc(e->ctx, pell_highlights_blocks(e->surface.stride) * (size_t) s->height, 1)))
         goto fail;
     e->sum.meter = e->rows + (size_t) s->height * 4;
     e->surface.mips = e->mips;
@@ -188,11 +184,11 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     e->surface.triangle = hits ? (uint32_t *) e->plane[PELL_PLANE_TRIANGLE][0] : NULL;
     e->surface.barycentric[0] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][0] : NULL;
     e->surface.barycentric[1] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][1] : NULL;
-    e->sized = true;
+    e->has_planes = true;
     return PELL_OK;
 
 fail:
-    if (!e->sized)
+    if (!e->has_planes)
         drop_planes(e);
     return res;
 }
@@ -249,7 +245,7 @@ static enum pell_result make_indirect(struct pell_cpu *e, const struct pell_engi
         return PELL_OK;
     res = pell_indirect_solve(e->indirect, e->pool, &(struct pell_indirect_lights) { pell_cpu_light_points, e },
                               (const float(*)[3]) frame->materials->total, frame->settings->bounces);
-    e->lit = res == PELL_OK;
+    e->indirect_solved = res == PELL_OK;
     pell_stage_note(frame->notes, "indirect light", pell_seconds() - start, 0, 0, 0);
     return res;
 }
@@ -269,9 +265,9 @@ static enum pell_result make_through(struct pell_cpu *e, const struct pell_engin
 
     if (e->curvature)
         res = pell_media_solids(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { pell_cpu_light_points, e }, &e->solids,
-                                &e->through);
+                                &e->solid_light);
     e->whole_solid = frame->plan && frame->plan->opposed;
-    e->between = frame->plan && pell_plan_transmits(frame->plan);
+    e->between_faces = frame->plan && pell_plan_transmits(frame->plan);
     pell_stage_note(frame->notes, "through", pell_seconds() - start, 0, 0, 0);
     return res;
 }
@@ -296,14 +292,14 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
     const struct pell_settings *s = frame->settings;
     enum pell_result res = PELL_OK;
 
-    e->known += resource >= PELL_ENGINE_CURVATURE && resource <= PELL_ENGINE_THROUGH;
+    e->solids_version += resource >= PELL_ENGINE_CURVATURE && resource <= PELL_ENGINE_THROUGH;
     switch (resource) {
     case PELL_ENGINE_SCENE: return make_scene(e, frame->scene);
     case PELL_ENGINE_PLANES: return make_planes(e, frame);
     case PELL_ENGINE_RASTER:
-        if (!e->rastered)
+        if (!e->raster_tried)
             res = pell_raster_create(e->ctx, e->scene, s->width, s->height, &e->raster);
-        e->rastered = res == PELL_OK;
+        e->raster_tried = res == PELL_OK;
         e->surface.raster = e->raster;
         return res;
     case PELL_ENGINE_LIGHTS:
@@ -326,14 +322,14 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
 {
     struct pell_cpu *e = engine;
 
-    e->known += resource >= PELL_ENGINE_CURVATURE && resource <= PELL_ENGINE_THROUGH;
+    e->solids_version += resource >= PELL_ENGINE_CURVATURE && resource <= PELL_ENGINE_THROUGH;
     switch (resource) {
     case PELL_ENGINE_SCENE: drop_scene(e); break;
     case PELL_ENGINE_PLANES: drop_planes(e); break;
     case PELL_ENGINE_RASTER:
         pell_raster_destroy(&e->raster);
         e->surface.raster = NULL;
-        e->rastered = false;
+        e->raster_tried = false;
         break;
     case PELL_ENGINE_LIGHTS: pell_lights_destroy(&e->lights); break;
     case PELL_ENGINE_CONTACT: pell_contact_destroy(&e->contact); break;
@@ -342,8 +338,8 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
         pell_indirect_destroy(&e->solids); /* it may borrow from the links */
         pell_indirect_destroy(&e->indirect);
         break;
-    case PELL_ENGINE_INDIRECT: e->lit = false; break;
-    case PELL_ENGINE_THROUGH: e->through = NULL; break;
+    case PELL_ENGINE_INDIRECT: e->indirect_solved = false; break;
+    case PELL_ENGINE_THROUGH: e->solid_light = NULL; break;
     case PELL_ENGINE_UNSCATTERED: pell_unscattered_destroy(&e->unscattered); break;
     case PELL_ENGINE_RESOURCES: break;
     }
@@ -377,20 +373,20 @@ static enum pell_result cpu_surface(void *engine, const struct pell_engine_sampl
     return PELL_OK;
 }
 
-/* Notes the part of the stage that ran on the device. Returns its seconds. */
+/* Notes the part of the stage "irradiance" that ran on the device. Returns its seconds. */
 static double note_device(struct pell_cpu *e, struct pell_stage_notes *notes)
 {
-    const char *why = e->device ? pell_light_device_refuses(e->device) : NULL, *also;
+    const char *why = e->light_device ? pell_light_device_refuses(e->light_device) : NULL, *also;
     struct pell_light_device_times t;
 
     if (why)
         pell_stage_note(notes, why, 0.0, 0, 0, 0);
-    if (!e->device || why)
+    if (!e->light_device || why)
         return 0.0;
-    also = pell_light_device_refuses_transmission(e->device);
+    also = pell_light_device_refuses_transmission(e->light_device);
     if (also)
         pell_stage_note(notes, also, 0.0, 0, 0, 0);
-    t = pell_light_device_times(e->device);
+    t = pell_light_device_times(e->light_device);
     pell_stage_note(notes, "light upload", t.upload, t.points, 0, 2 * t.bytes_up);
     pell_stage_note(notes, "direct light", t.light, t.points, e->lighting.device_rays, t.bytes_up + t.bytes_down);
     if (e->lighting.through_rays > 0)
@@ -408,14 +404,14 @@ struct pell_irradiance_params pell_cpu_sample_light(const struct pell_cpu *e, co
 
     light.view = &sample->view;
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
-    light.passed = f->plan && (light.local || f->plan->local);
+    light.transmits = f->plan && (light.local || f->plan->local);
     light.opposed &= f->plan && f->plan->opposed;
-    light.through = e->through;
+    light.solid_light = e->solid_light;
     light.whole_solid = e->whole_solid;
-    light.between = light.local && e->through && e->between;
+    light.between_faces = light.local && e->solid_light && e->between_faces;
     light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->index;
-    light.device = e->device && !pell_light_device_refuses(e->device) ? e->device : NULL;
+    light.device = e->light_device && !pell_light_device_refuses(e->light_device) ? e->light_device : NULL;
     light.separate = separate ? f->materials->separate : NULL;
     light.shared = shares_highlights(f);
     light.radius = (const float(*)[3]) f->materials->radius;
@@ -466,7 +462,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     return PELL_OK;
 }
 
-static enum pell_result cpu_shaded(void *engine, const struct pell_engine_sample *sample)
+static enum pell_result cpu_shade(void *engine, const struct pell_engine_sample *sample)
 {
     struct pell_cpu *e = engine;
     const double start = pell_seconds();
@@ -481,9 +477,9 @@ struct remap_task {
     const struct pell_surface *surface;
     const struct pell_view *view;
     const uint16_t *frame_index;
-    const uint16_t *of_mesh; /* NULL: frame_index says it */
+    const uint16_t *of_mesh; /* replaces `frame_index` where it is not NULL */
     uint16_t *out;
-    float *const *position; /* NULL: not asked for */
+    float *const *position; /* NULL: not requested */
 };
 
 static void remap_row(void *arg, int index, int worker)
@@ -527,7 +523,7 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
         .frame_index = sample->frame->materials->frame_index,
         .of_mesh = pell_separates_objects(sample->frame->materials, sample->frame->plan) ? sample->frame->materials->of_mesh : NULL,
         .out = (uint16_t *) e->plane[PELL_PLANE_MATERIAL][0],
-        .position = is_asked(PELL_PLANE_POSITION, sample->frame) ? e->plane[PELL_PLANE_POSITION] : NULL,
+        .position = has_own_plane(PELL_PLANE_POSITION, sample->frame) ? e->plane[PELL_PLANE_POSITION] : NULL,
     };
 
     pell_pool_run(e->pool, s->translucent.y1 - s->translucent.y0, remap_row, (void *) &remap);
@@ -536,7 +532,7 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
     in->rect = s->translucent;
     for (int i = 0; i < PELL_PLANES; i++) {
         const struct pell_plane_info *p = pell_plane_at(i);
-        float *const *from = of_stages[i] ? of_stages[i] : is_asked(i, sample->frame) ? e->plane[i] : NULL;
+        float *const *from = of_stages[i] ? of_stages[i] : has_own_plane(i, sample->frame) ? e->plane[i] : NULL;
         if (from)
             memcpy((char *) (p->of_light ? (void *) out : (void *) in) + p->offset, from, (size_t) p->components * sizeof(*from));
     }
@@ -553,16 +549,16 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
         pell_cpu_see_through(e, sample);
     start = pell_seconds();
     if (scattered->present) {
-        if (e->through && e->whole_solid)
-            pell_indirect_correct(e->through, e->pool, &sample->view, p->angle, &e->surface, e->plane[PELL_PLANE_LIGHT]);
+        if (e->solid_light && e->whole_solid)
+            pell_indirect_correct(e->solid_light, e->pool, &sample->view, p->angle, &e->surface, e->plane[PELL_PLANE_LIGHT]);
         p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];
         p->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
         p->excludes_surface_reflection = plan->excludes_surface_reflection;
-        p->single = is_asked(PELL_PLANE_SINGLE, sample->frame)   ? (const float *const *) e->plane[PELL_PLANE_SINGLE]
-                    : sample->frame->materials->separates_single ? (const float *const *) e->lighting.single
-                                                                 : NULL;
+        p->single = has_own_plane(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE]
+                    : sample->frame->materials->separates_single    ? (const float *const *) e->lighting.single
+                                                                    : NULL;
         p->unscattered = e->unscattered ? (const float *const *) e->display : NULL;
-        p->reflected = is_asked(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
+        p->reflected = has_own_plane(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
         p->standard_error = scattered->standard_error[0] ? scattered->standard_error : NULL;
     }
     if (sample->frame->lens->radius > 0.0f) {
@@ -610,7 +606,7 @@ double pell_engine_cpu_trace_bare(void *engine, const struct pell_view *view)
 {
     struct pell_cpu *e = engine;
 
-    return e->rays && e->sized ? pell_surface_trace_bare(e->pool, e->rays, e->scene, view, &e->surface) : 0.0;
+    return e->rays && e->has_planes ? pell_surface_trace_bare(e->pool, e->rays, e->scene, view, &e->surface) : 0.0;
 }
 
 void pell_engine_cpu_record_rays(void *engine, struct pell_ray_record *record)
@@ -636,7 +632,7 @@ const struct pell_engine_interface pell_engine_cpu = {
     .lend = pell_cpu_lend,
     .surface = cpu_surface,
     .irradiance = cpu_irradiance,
-    .shade = cpu_shaded,
+    .shade = cpu_shade,
     .hand_over = cpu_hand_over,
     .composite = cpu_composite,
     .average = pell_cpu_average,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * engine_cpu.h - what benches ask of the cpu engine beyond a frame.
+ * engine_cpu.h - functions of the cpu engine for benches, beyond rendering a frame.
  */
 #ifndef PELL_ENGINE_CPU_H
 #define PELL_ENGINE_CPU_H
@@ -9,7 +9,7 @@
 
 /* See pell_surface_trace_bare: the rays of a frame from `view`, of a size that was made. */
 double pell_engine_cpu_trace_bare(void *engine, const struct pell_view *view);
-/* See pell_rays_record. Nothing where there is no scene. */
+/* See pell_rays_record. Does nothing without a scene. */
 void pell_engine_cpu_record_rays(void *engine, struct pell_ray_record *record);
 
 #endif

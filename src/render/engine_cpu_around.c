@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * engine_cpu_around.c - the cpu engine's stages between light and method that read neighbouring pixels. */
+ * engine_cpu_around.c - the cpu engine's stages before and after the method: filters of its input, and unscattered light. */
 #include "render/engine_cpu_state.h"
 #include "render/highlights/stage.h"
 #include "render/spread/stage.h"
@@ -15,7 +15,7 @@ void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_samp
         .depth = e->surface.depth,
         .depth_mm = view->orthographic ? 0.0f : 1.0f / view->focal_px,
         .fixed_mm = view->orthographic ? 1.0f / view->focal_px : 0.0f,
-        .lit = e->hidden_lit,
+        .has_hidden = e->has_hidden,
         .rays = e->lights->light_samples,
     };
     const double start = pell_seconds();
@@ -27,8 +27,8 @@ void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_samp
         params.hidden[3 + c] = e->lighting.lost[c];
         params.light[c] = e->lighting.specular[c];
         params.light[3 + c] = e->lighting.irradiance[c];
-        params.room[c] = e->display[c];
-        params.room[3 + c] = e->plane[PELL_PLANE_LIGHT][c] ? e->plane[PELL_PLANE_LIGHT][c] : e->room[c];
+        params.scratch[c] = e->display[c];
+        params.scratch[3 + c] = e->plane[PELL_PLANE_LIGHT][c]; /* written by the method later */
     }
     pixels = pell_highlights_render(e->pool, &params);
     pell_stage_note(sample->frame->notes, "highlights", pell_seconds() - start, pixels, 0, pixels * 72);

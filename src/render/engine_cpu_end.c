@@ -3,7 +3,7 @@
 #include "render/denoise/stage.h"
 #include "render/engine_cpu_state.h"
 
-/* Timings of work on the device, in rows whose names begin with `of`. */
+/* Names of the rows for work on the device. */
 struct device_rows {
     const char *pack, *upload, *run, *download, *unpack;
 };
@@ -22,7 +22,7 @@ static void note_device(struct pell_stage_notes *notes, const struct device_rows
     }
 }
 
-/* Whether the device does it; if it refuses, a row says why. */
+/* Whether the device does the work; `why`: the reason if it refuses, which becomes a row; else NULL. */
 static bool on_device(const struct pell_cpu *e, const char *why, struct pell_stage_notes *notes)
 {
     if (e->post_device && why)
@@ -73,7 +73,7 @@ enum pell_result pell_cpu_composite_through_lens(struct pell_cpu *e, const struc
     return PELL_OK;
 }
 
-/* Adds the sum of the device to the planes of the frame. */
+/* Adds the device's sum to the frame's planes. */
 static enum pell_result take_lens(struct pell_cpu *e, const struct pell_engine_frame *f)
 {
     float *const out[] = { e->sum.color[0], e->sum.color[1], e->sum.color[2], e->sum.alpha };
@@ -101,14 +101,14 @@ static void denoise(struct pell_cpu *e, const struct pell_engine_frame *f)
     const struct pell_denoise_params params = {
         .stride = e->surface.stride,
         .rect = f->covered,
-        .sum = &e->sum, /* no sample comes any more */
+        .sum = &e->sum, /* all samples have been added */
         .traced = f->plan && (f->plan->outputs & PELL_OUTPUT_SURFACE),
         .scratch = { e->lighting.transmitted[0], e->lighting.transmitted[1], e->lighting.transmitted[2], e->lighting.specular[0] },
     };
     const int64_t pixels = (int64_t) (f->covered.x1 - f->covered.x0) * (f->covered.y1 - f->covered.y0);
     const double start = pell_seconds();
 
-    if (!pell_denoise_knows(&params))
+    if (!pell_denoise_has_variance(&params))
         pell_warn(e->ctx, "denoise", "more samples, or a smaller --msaa",
                   "nothing is denoised: with one sample per multisample the noise is not known");
     pell_denoise_render(e->pool, &params);
@@ -134,8 +134,8 @@ enum pell_result pell_cpu_post(void *engine, const struct pell_engine_frame *f, 
         .stride = e->surface.stride,
         .meter = e->sum.meter,
         .rows = e->rows,
-        .glow = e->glow,
-        .unfiltered = e->lighting.transmitted, /* no sample comes any more */
+        .bloom_scratch = e->bloom_scratch,
+        .unfiltered = e->lighting.transmitted, /* no sample needs it any more */
         .device = device ? e->post_device : NULL,
     };
     const int64_t pixels = (int64_t) params.width * params.height;

@@ -16,17 +16,18 @@ struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix
                                        : NULL,
         .curvature = e->curvature,
         .opposed = e->settings->opposed,
-        .indirect = e->lit ? e->indirect : NULL,
+        .indirect = e->indirect_solved ? e->indirect : NULL,
         .seed = pell_settings_seed(e->settings),
     };
 }
 
 struct pell_irradiance_params pell_cpu_points_light(const struct pell_cpu *e, const struct pell_points_params *params)
 {
-    struct pell_irradiance_params p = pell_cpu_light(e, params->mix, e->materials->separates_single && (e->lit || !e->indirect));
+    struct pell_irradiance_params p =
+        pell_cpu_light(e, params->mix, e->materials->separates_single && (e->indirect_solved || !e->indirect));
 
-    p.through = params->local && !params->flat && !e->whole_solid ? e->through : NULL;
-    p.between = p.through && e->between;
+    p.solid_light = params->local && !params->flat && !e->whole_solid ? e->solid_light : NULL;
+    p.between_faces = p.solid_light && e->between_faces;
     return p;
 }
 
@@ -59,8 +60,8 @@ static void cpu_transmitted(void *engine, const struct pell_points16 *points, in
     int32_t active[16];
 
     activate_first(count, active);
-    if (e->through && !e->whole_solid)
-        pell_indirect_lookup16(e->through, points, active, &inside);
+    if (e->solid_light && !e->whole_solid)
+        pell_indirect_lookup16(e->solid_light, points, active, &inside);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < 16; i++)
             fraction[c][i] = (1.0f - inside.sum_weight[c][i]) * (1.0f - inside.solved[c][i]);
@@ -76,8 +77,8 @@ static void cpu_returned(void *engine, const struct pell_points16 *points, int c
     activate_first(count, active);
     if (e->curvature)
         pell_curvature_effects_at(e->curvature, points, active, &effects);
-    if (e->through)
-        pell_indirect_lookup16(e->through, points, active, &inside);
+    if (e->solid_light)
+        pell_indirect_lookup16(e->solid_light, points, active, &inside);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < 16; i++) {
             const float remaining = 1.0f - inside.solved[c][i];

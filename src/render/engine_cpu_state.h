@@ -33,7 +33,7 @@ struct pell_cpu {
     struct pell_compositor *compositor;
 
     struct pell_lights *lights;
-    struct pell_light_device *device;             /* owned by the engine vulkan; NULL: the CPU computes direct light */
+    struct pell_light_device *light_device;       /* owned by the engine vulkan; NULL: the CPU computes direct light */
     const struct pell_scene_materials *materials; /* borrowed: the renderer's own */
     const struct pell_settings *settings;         /* for the lights; borrowed: owned by the renderer */
 
@@ -42,28 +42,27 @@ struct pell_cpu {
 
     struct pell_indirect *indirect;       /* NULL: no surface lights another, or no bounces are requested */
     struct pell_indirect *solids;         /* samples of solids, created on first use */
-    struct pell_indirect *through;        /* the same, with light transport through solids; NULL: none */
-    bool whole_solid;                     /* `through` is for a method that integrates over the whole solid */
-    bool between;                         /* `through` includes transport between faces */
+    struct pell_indirect *solid_light;    /* the same, with light transport through solids; NULL: none */
+    bool whole_solid;                     /* `solid_light` is for a method that integrates over the whole solid */
+    bool between_faces;                   /* `solid_light` includes transport between faces */
     struct pell_unscattered *unscattered; /* NULL: off, nothing is thin enough, or the method includes it */
-    bool lit;                             /* the indirect light is up to date with the lights */
+    bool indirect_solved;                 /* the indirect light is up to date with the lights */
 
     struct pell_raster *raster; /* NULL: camera visibility is ray traced */
-    bool rastered;              /* the raster was built, or found to be impossible */
+    bool raster_tried;          /* the raster was built, or found to be impossible */
 
     /* Of the size. */
-    bool sized;
+    bool has_planes;
     float *blocks[PELL_CPU_BLOCKS]; /* own the planes below */
     int num_blocks;
     struct pell_surface surface;
     struct pell_lighting lighting;
-    float *room[3]; /* for the stage "highlights", without a method's light */
-    uint8_t *spread_lit, *hidden_lit;
+    uint8_t *spread_lit, *has_hidden; /* scratch of the stages "spread" and "highlights": flags of blocks of pixels */
     struct pell_accumulator sum;
     float *display[3]; /* scratch of stages until the end of the frame: "highlights", "spread", then the result of "unscattered" */
-    float *plane[PELL_PLANES][3];    /* scratch of the frame: 4 bytes per pixel */
-    float *glow[PELL_BLOOM_PLANES];  /* created once bloom is requested */
-    float *pinhole[PELL_DOF_PLANES]; /* created once depth of field is requested */
+    float *plane[PELL_PLANES][3];            /* of the frame, by enum pell_plane: 4 bytes per pixel; NULL where a stage has the plane */
+    float *bloom_scratch[PELL_BLOOM_PLANES]; /* created once bloom is requested */
+    float *pinhole[PELL_DOF_PLANES];         /* created once depth of field is requested */
     float *pinhole_tiles;
     float widest_disc;                    /* of the frame's samples, px */
     struct pell_post_device *post_device; /* owned by the engine vulkan; NULL: done on the CPU */
@@ -71,14 +70,14 @@ struct pell_cpu {
     float lens_scale;                     /* with this pending factor */
     struct pell_picture_device *picture;  /* owned by the engine vulkan */
     bool pictured;                        /* the sum of the samples is still on the device */
-    uint32_t known;                       /* counts changes of curvature, indirect light and light inside solids */
+    uint32_t solids_version;              /* counts changes of curvature, indirect light and light inside solids */
     double *rows;                         /* 4 per row for post, then 2 per row for the meter */
 
     struct pell_composite_params composite; /* of the current sample */
     struct pell_post_result post;
 };
 
-/* --- engine_cpu.c: what samples are made by ------------------------------------------------------------------------------------------- */
+/* --- engine_cpu.c: parameters of a sample ------------------------------------------------------------------------------------------- */
 
 struct pell_irradiance_params pell_cpu_sample_light(const struct pell_cpu *e, const struct pell_engine_sample *sample);
 /* Without the method's result. `light`: of the same sample. */
@@ -100,7 +99,7 @@ int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *par
 /* pell_engine_interface.lend */
 void pell_cpu_lend(void *engine, struct pell_services *services);
 
-/* --- engine_cpu_around.c: stages that read neighbouring pixels ----------------------------------------------------------------------- */
+/* --- engine_cpu_around.c: stages before and after the method ----------------------------------------------------------------------- */
 
 /* After the irradiance, with lighting.hidden. */
 void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample);

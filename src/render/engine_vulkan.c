@@ -17,7 +17,7 @@ static enum pell_result vulkan_open(struct pell_context *ctx, struct pell_pool *
 
     PELL_TRY(pell_engine_cpu.open(ctx, pool, gpu, engine));
     e = *engine;
-    PELL_TRY(pell_light_device_create(ctx, gpu, &e->device));
+    PELL_TRY(pell_light_device_create(ctx, gpu, &e->light_device));
     PELL_TRY(pell_picture_device_create(ctx, gpu, &e->picture));
     return pell_post_device_create(ctx, gpu, &e->post_device);
 
@@ -31,7 +31,7 @@ static void vulkan_close(void *engine)
 
     if (e) {
         pell_picture_device_destroy(&e->picture);
-        pell_light_device_destroy(&e->device);
+        pell_light_device_destroy(&e->light_device);
         pell_post_device_destroy(&e->post_device);
     }
     pell_engine_cpu.close(engine);
@@ -42,9 +42,9 @@ static void vulkan_drop(void *engine, enum pell_engine_resource resource)
     struct pell_cpu *e = engine;
 
     if (resource == PELL_ENGINE_SCENE)
-        pell_light_device_drop_scene(e->device);
+        pell_light_device_drop_scene(e->light_device);
     if (resource == PELL_ENGINE_LIGHTS)
-        pell_light_device_drop_lights(e->device);
+        pell_light_device_drop_lights(e->light_device);
     if (resource == PELL_ENGINE_PLANES)
         pell_post_device_drop(e->post_device);
     if (resource == PELL_ENGINE_SCENE || resource == PELL_ENGINE_PLANES)
@@ -61,11 +61,11 @@ static enum pell_result vulkan_make(void *engine, enum pell_engine_resource reso
     if (res != PELL_OK)
         return res;
     if (resource == PELL_ENGINE_SCENE)
-        res = pell_light_device_set_scene(e->device, frame->scene);
+        res = pell_light_device_set_scene(e->light_device, frame->scene);
     if (resource == PELL_ENGINE_LIGHTS)
-        res = pell_light_device_set_lights(e->device, e->lights, e->tables);
+        res = pell_light_device_set_lights(e->light_device, e->lights, e->tables);
     if (resource == PELL_ENGINE_PLANES)
-        res = pell_light_device_reserve(e->device, (size_t) e->surface.stride * (size_t) s->height);
+        res = pell_light_device_reserve(e->light_device, (size_t) e->surface.stride * (size_t) s->height);
     if (resource == PELL_ENGINE_PLANES && res == PELL_OK)
         res = pell_post_device_reserve(e->post_device, s->width, s->height, s->dof, s->bloom > 0.0f);
     if (res != PELL_OK)
@@ -83,7 +83,7 @@ static enum pell_result vulkan_sample(void *engine, const struct pell_engine_sam
     const struct pell_composite_params composite = pell_cpu_sample_composite(e, sample, &light);
     const struct pell_picture_sample picture = {
         .sample = sample,
-        .light = e->device,
+        .light = e->light_device,
         .irradiance = &light,
         .composite = &composite,
         .pass = pass,
@@ -91,13 +91,13 @@ static enum pell_result vulkan_sample(void *engine, const struct pell_engine_sam
         .spreads = pass && pell_cpu_spreads(sample->frame),
         .lens = sample->frame->lens->radius > 0.0f ? e->post_device : NULL,
         .rays = e->lights ? e->lights->light_samples : 1,
-        .version = e->known,
+        .version = e->solids_version,
     };
     const char *why = NULL;
     enum pell_result res;
 
-    if (!pell_light_device_refuses(e->device)) {
-        res = pell_light_device_set_thickness(e->device, &light);
+    if (!pell_light_device_refuses(e->light_device)) {
+        res = pell_light_device_set_thickness(e->light_device, &light);
         if (res != PELL_OK)
             return res;
     }
@@ -133,7 +133,7 @@ static struct pell_irradiance_params points_light(const struct pell_cpu *e, cons
 {
     struct pell_irradiance_params p = pell_cpu_points_light(e, params);
 
-    p.device = e->device;
+    p.device = e->light_device;
     return p;
 }
 
@@ -141,15 +141,15 @@ static size_t batch_room(void *engine)
 {
     const struct pell_cpu *e = engine;
 
-    return pell_light_device_refuses(e->device) ? 0 : pell_light_device_room(e->device);
+    return pell_light_device_refuses(e->light_device) ? 0 : pell_light_device_room(e->light_device);
 }
 
 static uint32_t *batch_begin(void *engine)
 {
     const struct pell_cpu *e = engine;
 
-    pell_light_device_begin(e->device);
-    return pell_light_device_slots(e->device);
+    pell_light_device_begin(e->light_device);
+    return pell_light_device_slots(e->light_device);
 }
 
 static uint32_t batch_send(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n)
@@ -169,20 +169,20 @@ static enum pell_result batch_run(void *engine, const struct pell_points_params 
     enum pell_result res;
 
     p.lights = params->lights;
-    res = pell_light_device_run(e->device, &run);
-    t = pell_light_device_times(e->device); /* the method's own, not the stage's */
+    res = pell_light_device_run(e->light_device, &run);
+    t = pell_light_device_times(e->light_device); /* the method's own, not the stage's */
     *seconds = t.upload + t.light + t.transmission + t.download;
     *bytes = 3 * (t.bytes_up + t.bytes_down); /* read and written by copies, then by the pass */
     return res;
 }
 
 static int64_t batch_take(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
-                          uint32_t number, const struct pell_surface_light *out)
+                          uint32_t slot, const struct pell_surface_light *out)
 {
     const struct pell_cpu *e = engine;
     const struct pell_irradiance_params p = points_light(e, params);
 
-    return pell_irradiance_take_points(e->lights, &p, params, in, n, number, out);
+    return pell_irradiance_take_points(e->lights, &p, params, in, n, slot, out);
 }
 
 static void vulkan_lend(void *engine, struct pell_services *services)

@@ -10,7 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define F_NUMBER 2.8 /* for a camera that does not specify it */
+#define DEFAULT_F_NUMBER 2.8 /* for a camera that does not specify it */
 
 static bool finite3(const float v[3])
 {
@@ -59,7 +59,7 @@ static enum pell_result make_lens(const struct pell_renderer *r, const struct pe
                           c->focus == 0.0f ? "the centre of the bounds is %g mm in front of the camera, which can't focus on it"
                                            : "focus = %g mm, must be in [0.001, 1e12]",
                           (double) lens->focus);
-    lens->radius = (float) (6.0 / tan(0.5 * (double) c->fov) / (c->f_number > 0.0f ? (double) c->f_number : F_NUMBER));
+    lens->radius = (float) (6.0 / tan(0.5 * (double) c->fov) / (c->f_number > 0.0f ? (double) c->f_number : DEFAULT_F_NUMBER));
     return PELL_OK;
 }
 
@@ -189,7 +189,7 @@ fail:
     return res;
 }
 
-/* As many samples as the settings say, or those before an interruption. */
+/* Renders as many samples as the settings request, or those before an interruption. */
 static enum pell_result render_samples(struct pell_renderer *r, const struct pell_engine_frame *frame, bool *partial)
 {
     const bool may_end = r->pass && r->method->partial;
@@ -283,7 +283,7 @@ static bool can_denoise(const struct pell_renderer *r)
     return r->noisy && r->settings.layers && r->lens.radius == 0.0f;
 }
 
-/* What no row has yet. */
+/* Adds a row for the part of `seconds` that no row has yet. */
 static void note_preparation(struct pell_renderer *r, double seconds)
 {
     for (size_t i = 0; i < r->notes.count; i++)

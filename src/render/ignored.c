@@ -47,7 +47,8 @@ static bool has_depth_map(const struct pell_material *m)
 static const struct {
     unsigned input;
     const char *name;
-    bool (*has)(const struct pell_material *m); /* what somebody painted or chose; NULL: a constant that every material has */
+    bool (*has)(
+        const struct pell_material *m); /* whether the material sets it; NULL: every material does, so a warning would always appear */
 } rows[] = {
     { PELL_IGNORES_STRENGTH_MAP, "strength map", has_strength_map },
     { PELL_IGNORES_COLOR, "colour", has_color },

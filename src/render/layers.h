@@ -43,7 +43,7 @@ static inline float **pell_output_layer_planes(const struct pell_accumulator *su
     return (float **) ((char *) sum + layer->offset);
 }
 
-/* Makes of the sum of some samples that of all: `up` = all / some. `size`: floats of a plane. */
+/* Scales the sum of some samples to that of all: `up` = all / some. `size`: floats of a plane. */
 void pell_output_layers_scale(const struct pell_accumulator *sum, size_t size, float up);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * material_id.h - the material plane as every method must read it: on a caller's planes an id may be anything.
+ * material_id.h - checked access to the material plane: on a caller's planes an id may have any value.
  */
 #ifndef PELL_MATERIAL_ID_H
 #define PELL_MATERIAL_ID_H

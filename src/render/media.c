@@ -1,4 +1,5 @@
-/* SPDX-License-Identifier: MIT media.c - see media.h. */
+/* SPDX-License-Identifier: MIT
+ * media.c - see media.h. */
 #include "render/media.h"
 
 #include "base/base.h"

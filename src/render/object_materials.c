@@ -22,7 +22,7 @@ static int compare(const void *a, const void *b)
     return p->mesh < q->mesh ? -1 : p->mesh > q->mesh;
 }
 
-/* Whether mesh i is the first of an object whose material an earlier object has, too. */
+/* Whether entry i is the first of an object whose material an earlier object has, too. */
 static bool is_further(const struct mesh_key *keys, size_t i)
 {
     return i > 0 && keys[i].material == keys[i - 1].material && keys[i].object != keys[i - 1].object;
@@ -50,7 +50,7 @@ enum pell_result pell_object_materials_make(struct pell_context *ctx, const stru
     uint16_t id = 0;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    m->count_apart = m->count;
+    m->count_with_copies = m->count;
     if (!keys)
         goto fail;
     n = list_keys(scene, m, keys);
@@ -78,9 +78,9 @@ enum pell_result pell_object_materials_make(struct pell_context *ctx, const stru
         const uint16_t own = m->frame_index[keys[i].material + 1];
         if (i == 0 || keys[i].material != keys[i - 1].material || is_further(keys, i))
             id = own;
-        if (is_further(keys, i) && m->count_apart < m->count + further) {
-            m->frame[m->count_apart] = m->frame[own - 1];
-            id = (uint16_t) ++m->count_apart;
+        if (is_further(keys, i) && m->count_with_copies < m->count + further) {
+            m->frame[m->count_with_copies] = m->frame[own - 1];
+            id = (uint16_t) ++m->count_with_copies;
         }
         m->of_mesh[keys[i].mesh] = id;
     }

@@ -23,7 +23,7 @@ const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r)
     return r->pass;
 }
 
-void pell_renderer_measure_copies(struct pell_renderer *r, bool wanted)
+void pell_renderer_measure_bandwidth(struct pell_renderer *r, bool wanted)
 {
     r->bandwidth.wanted = wanted;
 }

@@ -7,13 +7,14 @@
 
 #define PELL_MSAA_MOST 64 /* multisamples of an image */
 
-/* What its method is lent; holds while the scene is set. */
+/* The services that its method gets; valid while the scene is set. */
 const struct pell_services *pell_renderer_services(const struct pell_renderer *r);
 /* The running method's pass; NULL before the first frame. */
 const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r);
 
-/* From the next frame on: measure after each how fast this machine copies (milliseconds), for pell_stage_time.bandwidth_ms. */
-void pell_renderer_measure_copies(struct pell_renderer *r, bool wanted);
+/* From the next frame on: whether to measure after each frame how fast this machine copies, for pell_stage_time.bandwidth_ms. Takes
+ * milliseconds. */
+void pell_renderer_measure_bandwidth(struct pell_renderer *r, bool wanted);
 
 /* CPU engine only. Traces the last frame's camera rays again and ignores the hits (see pell_surface_trace_bare); 0 before the first
  * frame. */

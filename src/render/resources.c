@@ -129,22 +129,23 @@ static void drop_profiles(struct pell_renderer *r)
     r->profiles_of = NULL;
 }
 
-#define DARK 0.02   /* total of a profile below which transmitted light is scattered too rarely for this, */
-#define BRIGHT 0.06 /* and from which it applies */
+#define DARK 0.02   /* total of a profile up to which transmitted light is scattered too rarely for the factor of set_pass, */
+#define BRIGHT 0.06 /* and from which the factor applies in full */
 
-/* Ratio of two factors that are linear in 1 - m, as a linear factor. */
+/* Sets the factor of transmitted light over that of other light that leaves: the ratio of two factors that are linear in 1 - m, as a linear
+ * factor. */
 static void set_pass(const struct pell_medium *medium, double total, int c, struct pell_angle *out)
 {
     const struct pell_half_space_angle a = pell_passing_angle(medium, c);
     const float off = out->inverse_eta2 < 1.0f ? 1.0f - sqrtf(1.0f - out->inverse_eta2) : 1.0f;
-    const float scattered = (float) fmin(fmax((total - DARK) / (BRIGHT - DARK), 0.0), 1.0);
+    const float weight = (float) fmin(fmax((total - DARK) / (BRIGHT - DARK), 0.0), 1.0);
     const float grazing = (float) ((1.0 + a.slope * (double) off) / a.mean) / (out->exit_base[c] + out->exit_slope[c] * off);
 
     out->pass_base[c] = (float) (1.0 / a.mean) / out->exit_base[c];
     out->pass_slope[c] = (grazing - out->pass_base[c]) / off;
-    out->pass_base[c] = 1.0f + scattered * (out->pass_base[c] - 1.0f);
-    out->pass_slope[c] *= scattered;
-    out->pass_thick[c] = (float) ((medium->sigma_a[c] + medium->sigma_s_reduced[c]) / PELL_PASSING_THICK);
+    out->pass_base[c] = 1.0f + weight * (out->pass_base[c] - 1.0f);
+    out->pass_slope[c] *= weight;
+    out->pass_per_mm[c] = (float) ((medium->sigma_a[c] + medium->sigma_s_reduced[c]) / PELL_PASSING_THICK);
 }
 
 /* A profile that is made white keeps its total under diffuse light; a medium's profile keeps its total at normal incidence. */
@@ -172,9 +173,9 @@ static const struct pell_angle no_angle = {
     .enter_base = { 1, 1, 1 }, .enter_mean = { 1, 1, 1 }, .exit_base = { 1, 1, 1 }, .pass_base = { 1, 1, 1 }
 };
 
-/* Removes single scattering from a medium's profile, for frames that add it separately: `whole` and `rest` are the profiles of all light
- * and of the remainder. Diffuse light, which has no direction, keeps all of it, as a larger entering factor. */
-static void set_separate_single(const struct pell_material *m, const struct pell_profile *whole, const struct pell_profile *rest,
+/* Removes single scattering from a medium's profile, for frames that add it separately: `whole` and `multiple` are the profiles of all and
+ * of multiply scattered light. Diffuse light, which has no direction, keeps its single scattering, as a larger entering factor. */
+static void set_separate_single(const struct pell_material *m, const struct pell_profile *whole, const struct pell_profile *multiple,
                                 bool angles, struct pell_separate_single *single, const struct pell_angle *angle, struct pell_angle *out)
 {
     const double eta = (double) m->medium.eta;
@@ -183,7 +184,7 @@ static void set_separate_single(const struct pell_material *m, const struct pell
     *out = angles ? *angle : no_angle;
     for (int c = 0; c < 3; c++) {
         const double reduced = m->medium.sigma_s_reduced[c] / (m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c]);
-        const double total = pell_profile_total(&whole[c]), left = pell_profile_total(&rest[c]);
+        const double total = pell_profile_total(&whole[c]), left = pell_profile_total(&multiple[c]);
         struct pell_half_space_angle all = { 0.0, 1.0 }, a = all;
 
         if (!(left > 0.0 && left < total))
@@ -206,7 +207,8 @@ static void set_separate_single(const struct pell_material *m, const struct pell
 }
 
 /* Makes the profiles of a medium's multiply scattered light, after those of all light; returns false if its model cannot. */
-static bool make_rest(const struct pell_renderer *r, const struct pell_material *m, enum pell_profile_model model, struct pell_profile *out)
+static bool make_multiple(const struct pell_renderer *r, const struct pell_material *m, enum pell_profile_model model,
+                          struct pell_profile *out)
 {
     const struct pell_profile_params params = { .without_single = true };
 
@@ -230,7 +232,7 @@ static void hand_out_profiles(struct pell_renderer *r, bool separate_single)
             m->frame[m->of_mesh[i] - 1].profile = m->frame[m->frame_index[r->scene->meshes[i].material + 1] - 1].profile;
 }
 
-/* Assigns profiles to all translucent materials, and reports how much light each reflects. */
+/* Assigns profiles to all translucent materials, and computes what follows from them: total reflectance, mean radius, angular factors. */
 static enum pell_result make_profiles(struct pell_renderer *r)
 {
     const struct pell_scene *scene = r->scene;
@@ -245,11 +247,11 @@ static enum pell_result make_profiles(struct pell_renderer *r)
         goto fail;
     for (size_t i = 0; i < scene->num_materials; i++) {
         const struct pell_material *m = &scene->materials[i];
-        const size_t at = index[i + 1];
-        struct pell_profiles_of *of = at ? &r->profiles_of[at - 1] : NULL;
+        const size_t id = index[i + 1]; /* from 1; 0: opaque */
+        struct pell_profiles_of *of = id ? &r->profiles_of[id - 1] : NULL;
         size_t k = 0;
 
-        if (at == 0)
+        if (id == 0)
             continue;
         if (setting > 0 && m->num_layers == 0 && (m->profile || m->gaussians.count > 0)) /* layers have coefficients of their own */
             pell_warn(r->ctx, pell_material_shown_name(m), "--profile needs a material with scattering coefficients",
@@ -262,14 +264,14 @@ static enum pell_result make_profiles(struct pell_renderer *r)
             of->all = m->profile;
         } else {
             res = PELL_ERR_NOMEM;
-            if (!(r->profiles[at - 1] = pell_calloc(r->ctx, 6, sizeof(**r->profiles))))
+            if (!(r->profiles[id - 1] = pell_calloc(r->ctx, 6, sizeof(**r->profiles))))
                 goto fail;
-            PELL_TRY(pell_frame_material_profile(r->ctx, pell_material_shown_name(m), &frame[at - 1], model_of(m, setting),
-                                                 r->profiles[at - 1]));
-            of->all = r->profiles[at - 1];
-            of->multiple = make_rest(r, m, model_of(m, setting), r->profiles[at - 1] + 3) ? r->profiles[at - 1] + 3 : NULL;
+            PELL_TRY(pell_frame_material_profile(r->ctx, pell_material_shown_name(m), &frame[id - 1], model_of(m, setting),
+                                                 r->profiles[id - 1]));
+            of->all = r->profiles[id - 1];
+            of->multiple = make_multiple(r, m, model_of(m, setting), r->profiles[id - 1] + 3) ? r->profiles[id - 1] + 3 : NULL;
         }
-        frame[at - 1].profile = of->all;
+        frame[id - 1].profile = of->all;
         if (k < i) {
             memcpy(r->materials.total[i], r->materials.total[k], sizeof(r->materials.total[i]));
             memcpy(r->materials.radius[i], r->materials.radius[k], sizeof(r->materials.radius[i]));
@@ -279,14 +281,14 @@ static enum pell_result make_profiles(struct pell_renderer *r)
             continue;
         }
         if (r->settings.angles)
-            fill_angle(&frame[at - 1], pell_scatters_by_medium(m, &frame[at - 1]), &r->materials.angle[i]);
+            fill_angle(&frame[id - 1], pell_scatters_by_medium(m, &frame[id - 1]), &r->materials.angle[i]);
         for (int c = 0; c < 3; c++) {
-            r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
-            r->materials.radius[i][c] = m->strength * (float) pell_profile_mean_radius(&frame[at - 1].profile[c]);
+            r->materials.total[i][c] = frame[id - 1].white ? 1.0f : (float) pell_profile_total(&frame[id - 1].profile[c]);
+            r->materials.radius[i][c] = m->strength * (float) pell_profile_mean_radius(&frame[id - 1].profile[c]);
         }
         r->materials.separate[i] = (struct pell_separate_single) { .inverse_eta2 = 0.0f };
         r->materials.angle_without_single[i] = r->settings.angles ? r->materials.angle[i] : no_angle;
-        if (frame[at - 1].white)
+        if (frame[id - 1].white)
             of->multiple = NULL;
         else if (of->multiple)
             set_separate_single(m, of->all, of->multiple, r->settings.angles, &r->materials.separate[i], &r->materials.angle[i],
@@ -444,7 +446,7 @@ struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const
         .focal_px = view->focal_px,
         .object_height = r->scene->bounds_max[1] - r->scene->bounds_min[1],
         .materials = r->materials.frame,
-        .num_materials = pell_separates_objects(&r->materials, &plan) ? r->materials.count_apart : r->materials.count,
+        .num_materials = pell_separates_objects(&r->materials, &plan) ? r->materials.count_with_copies : r->materials.count,
     };
 }
 
@@ -491,7 +493,7 @@ static void drop_pass(struct pell_renderer *r)
     pell_pass_destroy(&r->pass);
 }
 
-/* A method that reads the scene keeps its lighting, unless it declares that it recomputes it. */
+/* Further inputs of the pass: a method that reads the scene keeps its lighting, unless it declares that it recomputes it. */
 static unsigned pass_depends(const struct pell_renderer *r)
 {
     const struct pell_plan *plan = r->pass ? pell_pass_plan(r->pass) : NULL;
@@ -504,7 +506,7 @@ static unsigned pass_depends(const struct pell_renderer *r)
 /* Each may use those above it, and is dropped before them. */
 static const struct resource {
     unsigned depends;                                  /* depends on these of enum pell_input, */
-    unsigned (*more)(const struct pell_renderer *r);   /* and on these; NULL: no more */
+    unsigned (*more)(const struct pell_renderer *r);   /* and on those that this returns; NULL: none */
     enum pell_result (*make)(struct pell_renderer *r); /* leaves nothing behind on failure */
     void (*drop)(struct pell_renderer *r);
 } resources[] = {

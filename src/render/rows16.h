@@ -23,7 +23,7 @@ INLINE vf quads(const float *const row[ROWS], int first, int j, int k)
 #endif
 }
 
-/* A number of each lane, as wide as its row's four numbers lie in quads(). */
+/* Broadcasts a value per lane to the layout of quads(): wide[j] repeats that of lane 4 g + j in all four lanes of group g. */
 INLINE void widen(vf lanes, vf wide[4])
 {
 #if defined(__SSE2__)
@@ -59,7 +59,7 @@ INLINE void rows_blend(const float *const row[3][ROWS], const float weight[3][RO
 /* The same of rows that hold whole vectors: each is read as such, and transposed after the three are combined. */
 INLINE void rows_blend_wide(const float *const row[3][ROWS], const float weight[3][ROWS], int size, float (*out)[ROWS])
 {
-    enum { MOST = 32 }; /* numbers of a row */
+    enum { MOST = 32 }; /* values per row, at most */
     _Alignas(64) float mixed[ROWS][MOST];
     const float *mix[ROWS];
 

@@ -106,7 +106,7 @@ struct pell_light_batches {
      * transferred. */
     enum pell_result (*run)(void *engine, const struct pell_points_params *params, double *seconds, int64_t *bytes);
     /* Reads the light of the points in this slot, as light_points would compute it. Returns the number of rays. */
-    int64_t (*take)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n, uint32_t number,
+    int64_t (*take)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n, uint32_t slot,
                     const struct pell_surface_light *out);
 };
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * vulkan_pass.c - a method on the Vulkan device of someone else, recorded into their command buffers. */
+ * vulkan_pass.c - a method on the Vulkan device of the calling program, recorded into its command buffers. */
 #include "render/pass.h"
 
 #include <pellucid/vulkan.h>
@@ -56,7 +56,7 @@ enum pell_result pell_vulkan_pass_create(struct pell_context *ctx, const struct 
                                          const struct pell_method *method, const void *knobs, const struct pell_frame_shape *shape,
                                          const struct pell_vulkan_buffers *buffers, struct pell_vulkan_pass **out)
 {
-    struct pell_frame_shape dense = *shape;
+    struct pell_frame_shape on_device = *shape;
     struct pell_vulkan_pass *p;
     enum pell_result res;
 
@@ -70,9 +70,9 @@ enum pell_result pell_vulkan_pass_create(struct pell_context *ctx, const struct 
     if (!p)
         return PELL_ERR_NOMEM;
     p->ctx = ctx;
-    dense.stride = pell_vulkan_pitch(shape->width);
+    on_device.stride = pell_vulkan_pitch(shape->width);
     PELL_TRY(borrow(p, device, shape, buffers));
-    PELL_TRY(pell_pass_create(p->device, method, knobs, &dense, &p->pass));
+    PELL_TRY(pell_pass_create(p->device, method, knobs, &on_device, &p->pass));
     *out = p;
     return PELL_OK;
 

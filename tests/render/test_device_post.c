@@ -236,12 +236,12 @@ static const struct {
     size_t planes;
     struct pell_post_tone tone;
 } blooms[] = {
-    { 121, 75, 6.0f, 3, { .exposure = 1.5f, .straight = FLT_MAX, .curve = 1.0f, .white_scale = 0.1f } },
-    { 121, 75, 25.0f, 4, { .exposure = 0.7f, .straight = 0.0f, .curve = 1.0f, .white_scale = 0.02f } },
-    { 64, 48, 1.5f, 4, { .exposure = 2.0f, .straight = 0.0f, .filmic = true } },
-    { 200, 33, 13.0f, 3, { .exposure = 1.0f, .straight = FLT_MAX } },
-    { 7, 3, 60.0f, 3, { .exposure = 1.0f, .straight = FLT_MAX, .filmic = true } },
-    { 1, 1, 0.0f, 3, { .exposure = 1.0f, .straight = FLT_MAX, .curve = 1.0f } },
+    { 121, 75, 6.0f, 3, { .exposure = 1.5f, .min_alpha = FLT_MAX, .curve = 1.0f, .white_scale = 0.1f } },
+    { 121, 75, 25.0f, 4, { .exposure = 0.7f, .min_alpha = 0.0f, .curve = 1.0f, .white_scale = 0.02f } },
+    { 64, 48, 1.5f, 4, { .exposure = 2.0f, .min_alpha = 0.0f, .filmic = true } },
+    { 200, 33, 13.0f, 3, { .exposure = 1.0f, .min_alpha = FLT_MAX } },
+    { 7, 3, 60.0f, 3, { .exposure = 1.0f, .min_alpha = FLT_MAX, .filmic = true } },
+    { 1, 1, 0.0f, 3, { .exposure = 1.0f, .min_alpha = FLT_MAX, .curve = 1.0f } },
 };
 
 static void cpu_bloom(struct device *d, struct picture *p, size_t planes, const struct pell_post_tone *tone)

@@ -38,7 +38,7 @@ static struct wall *wall_of(int threads, float unhidden, double probability)
                                              .depth = w->depth,
                                              .fixed_mm = 0.25f,
                                              .rays = 1,
-                                             .lit = w->lit };
+                                             .has_hidden = w->lit };
     for (int i = 0; i < SIZE; i++) {
         bool seen;
         random = pell_hash(random + (uint32_t) i);
@@ -56,7 +56,7 @@ static struct wall *wall_of(int threads, float unhidden, double probability)
         w->p.normal[c % 3] = w->normal[c % 3];
         w->p.hidden[c] = w->hidden[c];
         w->p.light[c] = w->light[c];
-        w->p.room[c] = w->room[c];
+        w->p.scratch[c] = w->room[c];
     }
     return w;
 }

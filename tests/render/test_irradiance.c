@@ -518,7 +518,7 @@ static void the_sky_is_looked_at_in_parts(void **state)
         for (uint32_t first = 0; first < 256; first += 1u << bits) {
             uint32_t parts = 0;
             for (uint32_t n = first; n < first + (1u << bits); n++)
-                parts |= 1u << pell_sky_part(pell_sobol0(n), pell_sobol1(n), bits);
+                parts |= 1u << pell_sky_cell(pell_sobol0(n), pell_sobol1(n), bits);
             REQUIRE(parts == (1u << (1u << bits)) - 1u);
         }
     for (int level = 0; level <= (int) pell_simd_best(); level++) {
@@ -539,7 +539,7 @@ static void the_sky_is_looked_at_in_parts(void **state)
         }
         kernels->make(&lanes, 4, 7u, &sky);
         for (uint32_t n = 8; n < 12; n++) {
-            const uint32_t part = pell_sky_part(pell_sobol0(n), pell_sobol1(n), 2);
+            const uint32_t part = pell_sky_cell(pell_sobol0(n), pell_sobol1(n), 2);
             number[0][part] = pell_sobol0(n);
             number[1][part] = pell_sobol1(n);
         }

@@ -32,7 +32,7 @@ static void objects_have_ids_of_their_own_as_far_as_there_are_ids(void **state)
         boxes(&s, marble, count);
         m.frame = pell_calloc(s.ctx, 1, sizeof(*m.frame));
         OK(pell_object_materials_make(s.ctx, s.scene, &m));
-        assert_int_equal(m.count_apart, distinguished);
+        assert_int_equal(m.count_with_copies, distinguished);
         for (int i = 0; i < distinguished; i++) {
             REQUIRE(m.of_mesh[i] >= 1 && m.of_mesh[i] <= distinguished && !seen[m.of_mesh[i]]);
             seen[m.of_mesh[i]] = true;

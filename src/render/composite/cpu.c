@@ -21,7 +21,7 @@ struct task {
     const struct pell_composite_params *p;
     const struct pell_accumulator *out;
     float *const *shaded;
-    struct pell_composite_row row; /* of any y */
+    struct pell_composite_row row; /* y is not set */
 };
 
 enum pell_result pell_compositor_create(struct pell_context *ctx, size_t num_materials, struct pell_compositor **out)
@@ -84,9 +84,9 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
         }
         out->uniform = pell_surface_is_uniform(m);
         if (out->uniform) {
-            const struct pell_surface_uniform e = pell_surface_uniform(m);
-            out->roughness = e.roughness;
-            out->rho_s = (e.specular[0] + e.specular[1] + e.specular[2]) * (1.0f / 3.0f);
+            const struct pell_surface_uniform uniform = pell_surface_uniform(m);
+            out->roughness = uniform.roughness;
+            out->rho_s = (uniform.specular[0] + uniform.specular[1] + uniform.specular[2]) * (1.0f / 3.0f);
         }
         row->any_smooth = row->any_smooth || out->smooth;
         row->any_texture = row->any_texture || out->out_exponent > 0.0f || out->in_exponent > 0.0f;
@@ -94,7 +94,7 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
     }
 }
 
-/* If the plane was requested. */
+/* Adds values to a plane, or writes them, if the plane was requested. */
 static void put(float *plane, size_t at, int count, const float *values, float weight, bool first)
 {
     if (plane)
@@ -256,7 +256,7 @@ static PELL_FETCHING void composite_rows(void *arg, int band, int worker)
     }
 }
 
-static void lit_rows(void *arg, int band, int worker)
+static void shade_rows(void *arg, int band, int worker)
 {
     const struct task *t = arg;
     const struct pell_surface *s = t->p->surface;
@@ -311,5 +311,5 @@ void pell_composite_shaded(struct pell_pool *pool, struct pell_compositor *c, co
     const struct pell_rect r = params->surface->translucent;
     t.shaded = shaded;
     if (r.y1 > r.y0)
-        pell_pool_run(pool, (r.y1 - r.y0 + ROWS - 1) / ROWS, lit_rows, &t);
+        pell_pool_run(pool, (r.y1 - r.y0 + ROWS - 1) / ROWS, shade_rows, &t);
 }

@@ -9,13 +9,13 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
-/* Material values of lanes; a `full` block has one material in all lanes, which is the common case. */
-struct owners {
-    const struct pell_composite_material *one;      /* for all lanes if `full` */
-    const struct pell_composite_material *m[LANES]; /* else */
+/* The materials of a block's lanes; a `full` block has one material in all lanes, which is the common case. */
+struct block_materials {
+    const struct pell_composite_material *one;         /* of all lanes if `full` */
+    const struct pell_composite_material *lane[LANES]; /* else */
 };
 
-#define OF(field) (full ? o->one->field : o->m[i]->field)
+#define OF(field) (full ? m->one->field : m->lane[i]->field)
 
 /* base^e for e in [0, 1]; the general power only if a material needs it. */
 INLINE void power(const struct pell_composite_row *row, const float *restrict base, const float *restrict e, bool full, float *restrict out)
@@ -71,8 +71,9 @@ static void make_cut(const struct pell_composite_row *row, const struct pell_com
 }
 
 /* Directional albedo at mu, albedo[0], and its mean, albedo[1], per lane. */
-INLINE void albedos(const struct pell_composite_row *row, const struct owners *o, const float *restrict mu, const float *restrict roughness,
-                    bool full, bool uniform, struct pell_composite_cut *restrict cut, float (*restrict albedo)[LANES])
+INLINE void albedos(const struct pell_composite_row *row, const struct block_materials *m, const float *restrict mu,
+                    const float *restrict roughness, bool full, bool uniform, struct pell_composite_cut *restrict cut,
+                    float (*restrict albedo)[LANES])
 {
     float fx[LANES], low[LANES], high[LANES];
     int cell[LANES], differ = 0;
@@ -85,9 +86,9 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
     for (int i = 0; !uniform && i < LANES; i++)
         differ |= roughness[i] != roughness[0];
     if (full && !differ) {
-        const float same = uniform ? o->one->roughness : roughness[0];
-        if (cut->material != o->one || cut->roughness != same)
-            make_cut(row, o->one, same, cut);
+        const float same = uniform ? m->one->roughness : roughness[0];
+        if (cut->material != m->one || cut->roughness != same)
+            make_cut(row, m->one, same, cut);
         for (int i = 0; i < LANES; i++) {
             low[i] = cut->albedo[cell[i]];
             high[i] = cut->albedo[cell[i] + 1];
@@ -114,8 +115,8 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
 }
 
 /* Factor from radiant exitance to radiance toward the camera: T / (pi n). */
-INLINE void exit_factors(const struct pell_composite_row *row, const struct owners *o, const float *restrict mu, size_t at, bool full,
-                         bool uniform, struct pell_composite_cut *restrict cut, float *restrict factor)
+INLINE void exit_factors(const struct pell_composite_row *row, const struct block_materials *m, const float *restrict mu, size_t at,
+                         bool full, bool uniform, struct pell_composite_cut *restrict cut, float *restrict factor)
 {
     const struct pell_surface *s = row->p->surface;
     const bool published = row->p->published;
@@ -127,9 +128,9 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
     /* Planes are undefined where a material is uniform: their values are read, but not used. */
     for (int i = 0; !uniform && i < LANES; i++)
         roughness[i] = OF(uniform) ? OF(roughness) : rough[i];
-    albedos(row, o, mu, roughness, full, uniform, cut, albedo);
+    albedos(row, m, mu, roughness, full, uniform, cut, albedo);
     for (int i = 0; i < LANES; i++)
-        rho_s[i] = uniform ? o->one->rho_s : !full && OF(uniform) ? OF(rho_s) : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
+        rho_s[i] = uniform ? m->one->rho_s : !full && OF(uniform) ? OF(rho_s) : (r[i] + g[i] + b[i]) * (1.0f / 3.0f);
     for (int i = 0; i < LANES; i++)
         factor[i] = pell_exit_factor(rho_s[i], albedo[0][i], albedo[1][i], normalized);
     for (int i = 0; row->any_smooth && i < LANES; i++)
@@ -138,7 +139,7 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
 }
 
 /* Composites a block; `on` is 1 where a lane is covered. */
-INLINE void shade_block(const struct pell_composite_row *row, int x, const struct owners *o, const float *restrict on, bool full,
+INLINE void shade_block(const struct pell_composite_row *row, int x, const struct block_materials *m, const float *restrict on, bool full,
                         bool uniform, struct pell_composite_cut *restrict cut, struct pell_composite_lanes *restrict result)
 {
     static const float luminance[3] = { PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B };
@@ -146,8 +147,9 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     const size_t at = (size_t) ((ptrdiff_t) row->y * p->surface->stride + x);
     const float *restrict metallic = p->surface->metallic + at;
     const bool radiance = p->radiance;
-    float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], shines[LANES];
-    float behind[LANES], sheet[LANES], off[LANES];
+    float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], is_radiance[LANES],
+        has_specular[LANES];
+    float transmits[LANES], sheet[LANES], off[LANES];
     float arriving[LANES]; /* results are local until complete: no aliasing */
 
     for (int i = 0; i < LANES; i++) {
@@ -160,16 +162,16 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     view_cosines(row, x, at, mu);
     for (int i = 0; i < LANES; i++)
         off[i] = pell_angle_off(OF(inverse_eta2), mu[i]);
-    exit_factors(row, o, mu, at, full, uniform, cut, factor);
+    exit_factors(row, m, mu, at, full, uniform, cut, factor);
     for (int i = 0; i < LANES; i++) {
-        if (full && o->one->in_metal == 0.0f)
+        if (full && m->one->in_metal == 0.0f)
             metal[i] = 1.0f;
         else
             metal[i] = metal[i] > 0.0f ? 1.0f - metal[i] * metallic[i] : 1.0f;
-        finished[i] = radiance ? scatters[i] : 0.0f;                                  /* an image already, */
-        shines[i] = radiance && !p->excludes_surface_reflection ? scatters[i] : 0.0f; /* with its specular part */
+        is_radiance[i] = radiance ? scatters[i] : 0.0f;                                     /* the method returns radiance, */
+        has_specular[i] = radiance && !p->excludes_surface_reflection ? scatters[i] : 0.0f; /* with the specular part */
         sheet[i] = OF(thin);
-        behind[i] = (radiance ? sheet[i] : scatters[i] + sheet[i]) * on[i];
+        transmits[i] = (radiance ? sheet[i] : scatters[i] + sheet[i]) * on[i];
     }
 
     for (int c = 0; c < 3; c++) {
@@ -184,14 +186,14 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
             total[i] = OF(total[c]);
         for (int i = 0; i < LANES; i++) {
             const float angle = OF(exit_base[c]) + OF(exit_slope[c]) * off[i];
-            const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * angle * out[i];
+            const float a = in[i] * metal[i], k = is_radiance[i] > 0.0f ? 1.0f : factor[i] * angle * out[i];
             /* All values are loaded, then selected: inactive ones may be NaN and must not be multiplied. */
-            const float moved = light[i], still = total[i] * e[i], back = k * transmitted[i], shine = spec[i];
-            const float front = k * (scatters[i] > 0.0f ? moved : still), all = e[i] + (sheet[i] > 0.0f ? transmitted[i] : 0.0f);
+            const float by_method = light[i], unspread = total[i] * e[i], through = k * transmitted[i], reflected = spec[i];
+            const float front = k * (scatters[i] > 0.0f ? by_method : unspread), all = e[i] + (sheet[i] > 0.0f ? transmitted[i] : 0.0f);
             const float metered = luminance[c] * OF(metered[c]) * all / (a > 0.02f ? a : 0.02f);
             multiple[i] = on[i] > 0.0f ? front : 0.0f;
-            transmission[i] = behind[i] > 0.0f ? back : 0.0f;
-            specular[i] = on[i] > shines[i] ? shine : 0.0f;
+            transmission[i] = transmits[i] > 0.0f ? through : 0.0f;
+            specular[i] = on[i] > has_specular[i] ? reflected : 0.0f;
             arriving[i] += on[i] > 0.0f ? metered : 0.0f;
         }
         memcpy(result->multiple[c], multiple, sizeof(multiple));
@@ -207,7 +209,7 @@ static bool shade(const struct pell_composite_row *row, int x, struct pell_compo
     const struct pell_surface *s = row->p->surface;
     const uint16_t *restrict material =
         s->material + (ptrdiff_t) row->y * s->stride + x; /* rows are whole blocks; nothing outside the image is covered */
-    struct owners o;
+    struct block_materials m;
     float on[LANES];
     unsigned any = 0, differ = 0;
 
@@ -218,21 +220,21 @@ static bool shade(const struct pell_composite_row *row, int x, struct pell_compo
     if (!any)
         return false;
     if (!differ) {
-        o.one = &row->materials[material[0] - 1];
+        m.one = &row->materials[material[0] - 1];
         for (int i = 0; i < LANES; i++)
             on[i] = 1.0f;
-        if (o.one->uniform)
-            shade_block(row, x, &o, on, true, true, cut, result);
+        if (m.one->uniform)
+            shade_block(row, x, &m, on, true, true, cut, result);
         else
-            shade_block(row, x, &o, on, true, false, cut, result);
+            shade_block(row, x, &m, on, true, false, cut, result);
         return true;
     }
     for (int i = 0; i < LANES; i++) {
         const int id = x + i < s->width ? material[i] : 0;
         on[i] = id ? 1.0f : 0.0f;
-        o.m[i] = &row->materials[id ? id - 1 : 0];
+        m.lane[i] = &row->materials[id ? id - 1 : 0];
     }
-    shade_block(row, x, &o, on, false, false, cut, result);
+    shade_block(row, x, &m, on, false, false, cut, result);
     return true;
 }
 

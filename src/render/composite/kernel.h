@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernel.h - the inner loop of the composite over 16 pixels of a row, built once per SIMD level; only composite.c includes it.
+ * kernel.h - the inner loop of the composite over 16 pixels of a row, compiled once per SIMD level; only cpu.c and kernel.c include it.
  */
-#ifndef PELL_COMPOSITE_LANES_H
-#define PELL_COMPOSITE_LANES_H
+#ifndef PELL_COMPOSITE_KERNEL_H
+#define PELL_COMPOSITE_KERNEL_H
 
 #include "base/simd.h"
 #include "lights/specular_tables.h"
@@ -26,7 +26,7 @@ struct pell_composite_material {
     float inverse_eta2, exit_base[3], exit_slope[3]; /* see render/angle.h */
     float metered[3];                                /* see pell_meter_fraction */
     bool uniform;                                    /* see pell_surface_is_uniform */
-    float roughness, rho_s;                          /* then */
+    float roughness, rho_s;                          /* with `uniform` */
 };
 
 struct pell_composite_row {
@@ -59,12 +59,12 @@ struct pell_composite_meter {
 struct pell_composite_kernels {
     /* Returns false if no pixel from x (a multiple of 16) on is covered; `lanes` is unchanged then. */
     bool (*shade)(const struct pell_composite_row *row, int x, struct pell_composite_cut *cut, struct pell_composite_lanes *lanes);
-    /* Adds the parts, `single` among them, to the first `count` pixels of color and alpha, or writes them there, and meters. */
+    /* Adds the parts and `single` to the first `count` pixels of color and alpha, or with `first` writes them there; adds to the meter. */
     void (*add)(const struct pell_composite_lanes *lanes, const float single[3][LANES], float weight, bool first, int count,
                 float *const color[3], float *alpha, struct pell_composite_meter *meter);
 };
 
-/* Adds values to the first `count` pixels of a plane, or writes them there. */
+/* Adds weighted values to the first `count` pixels of a plane, or with `first` writes them there. */
 static inline __attribute__((always_inline)) void pell_composite_put(const float *restrict values, float weight, bool first, int count,
                                                                      float *restrict plane)
 {

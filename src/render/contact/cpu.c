@@ -3,6 +3,8 @@
 #include "render/contact/stage.h"
 
 #include "math/sampling.h"
+#include "math/scalar.h"
+#include "shared/table.h"
 
 #define DARKEST 0.8f /* fraction of the background's light that is removed where the whole sky is hidden */
 #define MARGIN 1.2f  /* in heights of the objects' bounds, at most their radius: reach of the shadow around them */
@@ -12,7 +14,7 @@
 enum { CELLS = 8192, MOST_IN_ROW = 2048, RAYS = 64 }; /* approximate number of cells, about square */
 
 struct contact_side {
-    float center, half; /* mm, of the grid */
+    float center, half; /* mm: centre and half extent of the grid */
     int cells;
 };
 
@@ -25,19 +27,19 @@ struct pell_contact {
     float *hidden;               /* hidden fraction of the sky, faded, in rows along x */
 };
 
-/* Position of grid point i relative to the center. */
+/* Position of grid point i relative to the centre. */
 static float coordinate(const struct contact_side *s, int i)
 {
     return s->half * (2.0f * (float) i / (float) s->cells - 1.0f);
 }
 
-/* Distance of a point outside the objects' bounds. */
+/* Distance along an axis of a position, relative to the centre, from the objects' bounds; 0 inside. */
 static float outside_distance(const struct pell_contact *k, const struct contact_side *s, float at)
 {
     return fmaxf(fabsf(at) - s->half + k->margin, 0.0f);
 }
 
-static void look_up_row(void *arg, int row, int worker)
+static void trace_row(void *arg, int row, int worker)
 {
     struct pell_contact *k = arg;
     const struct contact_side *s = k->side;
@@ -49,8 +51,8 @@ static void look_up_row(void *arg, int row, int worker)
         valid[i] = -1;
     for (int column = 0; column <= s[0].cells && !pell_cancelled(k->ctx); column++) {
         const float x = coordinate(&s[0], column), outside_x = outside_distance(k, &s[0], x);
-        const float t = (sqrtf(outside_x * outside_x + outside_z * outside_z) / k->margin - FADES) / (1.0f - FADES);
-        const float fade = t <= 0.0f ? 1.0f : t >= 1.0f ? 0.0f : 1.0f - t * t * (3.0f - 2.0f * t);
+        const float outside = sqrtf(outside_x * outside_x + outside_z * outside_z) / k->margin;
+        const float fade = 1.0f - smooth_ramp(FADES, 1.0f, outside);
         const struct pell_vec3 from = vec3(s[0].center + x, k->level, s[1].center + z);
         int hidden = 0;
         for (int first = 0; first < RAYS && fade > 0.0f; first += PELL_PACKET) {
@@ -65,7 +67,7 @@ static void look_up_row(void *arg, int row, int worker)
     }
 }
 
-/* The plane, its grid, and the directions. */
+/* Sets the plane, its grid, and the directions. */
 static void lay_out(struct pell_contact *k, const float *low, const float *high)
 {
     const float radius = fmaxf(0.5f * vec3_length(vec3_sub(vec3_load(high), vec3_load(low))), 1e-6f);
@@ -108,7 +110,7 @@ enum pell_result pell_contact_create(struct pell_context *ctx, struct pell_pool 
     lay_out(k, scene->bounds_min, scene->bounds_max);
     k->hidden = pell_calloc(ctx, (size_t) (k->side[0].cells + 1) * (size_t) (k->side[1].cells + 1), sizeof(*k->hidden));
     if (k->hidden) {
-        pell_pool_run(pool, k->side[1].cells + 1, look_up_row, k);
+        pell_pool_run(pool, k->side[1].cells + 1, trace_row, k);
         res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     }
     *out = k;
@@ -154,13 +156,11 @@ float pell_contact_shade(const struct pell_contact *k, struct pell_vec3 start, s
     const float t = (k->level - start.y) / direction.y;
     const float x = start.x + t * direction.x - s[0].center, z = start.z + t * direction.z - s[1].center;
     const float *h;
-    float u, v, near, far;
+    float u, v;
 
     if (!(direction.y < 0.0f && t > 0.0f && fabsf(x) < s[0].half && fabsf(z) < s[1].half))
         return 1.0f; /* from below, the plane is invisible */
     h = k->hidden + cell_at(&s[0], x, &u);
     h += row * (size_t) cell_at(&s[1], z, &v);
-    near = h[0] + u * (h[1] - h[0]);
-    far = h[row] + u * (h[row + 1] - h[row]);
-    return 1.0f - DARKEST * (near + v * (far - near));
+    return 1.0f - DARKEST * pell_bilinear(h[0], h[1], h[row], h[row + 1], u, v);
 }

@@ -24,7 +24,7 @@
 #define MAX_CROSSED 2.0       /* limit where almost nothing is transmitted and the models differ by large factors */
 #define MIN_TRANSMITTED 2e-3f /* of a half-space's return: parts that transmit more are thin */
 #define MIN_THICKNESS 1e-3    /* of the averaging distance: lower limit of the thickness of slabs */
-#define MAX_CELLS 256         /* largest number along an object's longest side */
+#define MAX_CELLS 256         /* largest number of cells along an object's longest side */
 #define CHUNK 4096            /* vertices per task */
 #define NO_PATCH UINT32_MAX
 #define PROFILE_FRACTION 0.95 /* fraction of a profile inside the averaging distance of curvature */
@@ -36,7 +36,7 @@ struct pell_curvature {
     struct curvature_response *response; /* per scene material */
     uint32_t *patch_of;                  /* per mesh, or NO_PATCH */
     struct curvature_patch *patch;
-    size_t num_patches, room_patches;
+    size_t num_patches, patch_capacity;
     struct curvature_grid grid;
     struct pell_curvature_shape **value; /* per mesh with a patch: at its vertices */
     bool *coarse;                        /* per mesh: some triangle is longer than its patch's step */
@@ -61,13 +61,13 @@ void pell_curvature_destroy(struct pell_curvature **curvature)
 }
 
 /* Radius that contains this fraction of the profile, mm. */
-static double radius_of(const struct pell_profile *profile, double share)
+static double radius_of(const struct pell_profile *profile, double fraction)
 {
     double low = -12.0, high = 12.0;
 
     for (int i = 0; i < 40; i++) {
         const double middle = 0.5 * (low + high);
-        if (pell_profile_cdf(profile, exp(middle)) < share)
+        if (pell_profile_cdf(profile, exp(middle)) < fraction)
             low = middle;
         else
             high = middle;
@@ -75,58 +75,60 @@ static double radius_of(const struct pell_profile *profile, double share)
     return exp(low);
 }
 
-/* even[c]: return of a half-space under uniform light. */
-static void make_thin(const struct pell_medium *medium, const struct pell_opposed *opposed, double even[3],
+/* Fills the tables over thinness. uniform_return[c]: return of a half-space under uniform light. */
+static void make_thin(const struct pell_medium *medium, const struct pell_opposed *opposed, double uniform_return[3],
                       struct curvature_response *response)
 {
     for (int c = 0; c < 3; c++) {
         struct pell_slab slab;
         const double all = pell_slab_make(medium, c, &slab) ? pell_slab_at(&slab, (double) INFINITY).reflected : 0.0;
-        const double half = all > MIN_RETURN ? all : 0.0;
+        const double half_space = all > MIN_RETURN ? all : 0.0;
         struct pell_slab scattered = slab;
-        const double mean = pell_half_space_angle_of(half, medium->eta).mean;
-        const double separation = (double) pell_forward_weight(opposed->kappa[c] * opposed->depth[c]);
-        even[c] = half * mean;
+        const double mean = pell_half_space_angle_of(half_space, medium->eta).mean;
+        const double forward = (double) pell_forward_weight(opposed->kappa[c] * opposed->depth[c]);
+        uniform_return[c] = half_space * mean;
         scattered.sigma_t = scattered.sigma_t_reduced;
         for (int i = 0; i < GAINS; i++) {
             const double x = (double) i / (GAINS - 1), d = (double) response->step * fmax((1.0 - x) / fmax(x, 1e-12), MIN_THICKNESS);
             const struct pell_slab_light light = pell_slab_at(&slab, d);
-            const double T = light.transmitted - separation * fmax(light.transmitted - pell_slab_at(&scattered, d).transmitted, 0.0);
-            const bool thin = i > 0 && half > 0.0;
-            response->slab[i][c] = thin ? (float) ((light.reflected + T) / half) : 1.0f;
-            response->through[i][c] = thin ? (float) (T / half) : 0.0f;
+            const double T = light.transmitted - forward * fmax(light.transmitted - pell_slab_at(&scattered, d).transmitted, 0.0);
+            const bool thin = i > 0 && half_space > 0.0;
+            response->slab[i][c] = thin ? (float) ((light.reflected + T) / half_space) : 1.0f;
+            response->through[i][c] = thin ? (float) (T / half_space) : 0.0f;
             response->crossed[i][c] = thin ? (float) fmin(T / fmax(pell_opposed_slab(opposed, c, d), 1e-12), MAX_CROSSED) : 1.0f;
-            response->ball[i][c] = thin ? (float) (pell_small_ball(medium, c, d) / even[c] + (1.0 - 1.0 / mean) * T / half) : 1.0f;
+            response->ball[i][c] =
+                thin ? (float) (pell_small_ball(medium, c, d) / uniform_return[c] + (1.0 - 1.0 / mean) * T / half_space) : 1.0f;
             response->small[i][c] = thin ? (float) pell_small_weight(medium, c, d) : 0.0f;
-            response->forward[i][c] = thin ? (float) ((light.transmitted - T) / half) : 0.0f;
+            response->forward[i][c] = thin ? (float) ((light.transmitted - T) / half_space) : 0.0f;
             if (response->through[i][c] + response->forward[i][c] > MIN_TRANSMITTED)
-                response->farthest = fmaxf(response->farthest, (float) d);
+                response->max_thickness = fmaxf(response->max_thickness, (float) d);
         }
     }
 }
 
-static void make_bent(const struct pell_curvature_medium *m, const struct pell_opposed *opposed, int c, double curvature, double even,
-                      struct curvature_bent *out)
+/* Fills an entry of the table over curvature. */
+static void make_bent(const struct pell_curvature_medium *m, const struct pell_opposed *opposed, int c, double curvature,
+                      double uniform_return, struct curvature_bent *out)
 {
     const struct pell_profile *profile = &m->profile[c];
     const double total = pell_profile_total(profile); /* 0: nothing is scattered, and nothing changes */
-    const double reach = curvature != 0.0 && total > 0.0 ? pell_profile_cdf(profile, 2.0 / fabs(curvature)) : 1.0;
+    const double inside = curvature != 0.0 && total > 0.0 ? pell_profile_cdf(profile, 2.0 / fabs(curvature)) : 1.0;
     double gain = pell_curvature_gain(m->medium, c, profile, curvature);
 
-    if (curvature > 0.0 && even > 0.0 && reach > 0.0) {
-        const double all = gain * reach, small = pell_small_weight(m->medium, c, 2.0 / curvature);
-        gain = (all + small * (pell_small_ball(m->medium, c, 2.0 / curvature) / even - all)) / reach;
+    if (curvature > 0.0 && uniform_return > 0.0 && inside > 0.0) {
+        const double all = gain * inside, small = pell_small_weight(m->medium, c, 2.0 / curvature);
+        gain = (all + small * (pell_small_ball(m->medium, c, 2.0 / curvature) / uniform_return - all)) / inside;
     }
     out->gain[c] = (float) gain;
     out->opposed[c] = (float) pell_opposed_gain(opposed, c, profile, curvature, gain);
     out->across[c] = total > 0.0 ? (float) ((double) out->opposed[c] * pell_opposed_across(opposed, c, curvature) / total) : 0.0f;
-    out->all[c] = (float) (gain * reach);
+    out->all[c] = (float) (gain * inside);
 }
 
 static void make_response(const struct pell_curvature_medium *m, struct curvature_response *response)
 {
     struct pell_opposed opposed;
-    double sum = 0.0, weight = 0.0, thickest = 0.0, total[3], even[3];
+    double sum = 0.0, weight = 0.0, max_sigma_t = 0.0, total[3], uniform_return[3];
 
     for (int c = 0; c < 3; c++) {
         total[c] = pell_profile_total(&m->profile[c]);
@@ -134,22 +136,22 @@ static void make_response(const struct pell_curvature_medium *m, struct curvatur
             continue;
         sum += total[c] * radius_of(&m->profile[c], PROFILE_FRACTION);
         weight += total[c];
-        thickest = fmax(thickest, m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c]);
+        max_sigma_t = fmax(max_sigma_t, m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c]);
     }
     if (!(weight > 0.0))
         return;
     response->scatters = true;
     response->step = (float) (sum / weight);
-    response->limit = (float) (MAX_BEND * thickest);
+    response->limit = (float) (MAX_BEND * max_sigma_t);
     for (int c = 0; c < 3; c++)
         response->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
     if (!pell_opposed_make(m->medium, &opposed))
         opposed = (struct pell_opposed) { { 0.0f } };
-    make_thin(m->medium, &opposed, even, response);
+    make_thin(m->medium, &opposed, uniform_return, response);
     for (int i = 0; i < GAINS; i++)
         for (int c = 0; c < 3; c++) {
-            const double curvature = fmax((double) response->limit * (2.0 * i / (GAINS - 1) - 1.0), MIN_BEND * thickest);
-            make_bent(m, &opposed, c, curvature, even[c], &response->bent[i]);
+            const double curvature = fmax((double) response->limit * (2.0 * i / (GAINS - 1) - 1.0), MIN_BEND * max_sigma_t);
+            make_bent(m, &opposed, c, curvature, uniform_return[c], &response->bent[i]);
         }
 }
 
@@ -227,13 +229,13 @@ static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *m
         while (at < k->num_patches && k->patch[at].material != material)
             at++;
         if (at == k->num_patches) {
-            if (pell_grow(k->ctx, (void **) &k->patch, at + 1, &k->room_patches, sizeof(*k->patch)) != PELL_OK)
+            if (pell_grow(k->ctx, (void **) &k->patch, at + 1, &k->patch_capacity, sizeof(*k->patch)) != PELL_OK)
                 return PELL_ERR_NOMEM;
             k->patch[k->num_patches++] = (struct curvature_patch) {
                 .material = material,
                 .low = low,
                 .step = fmaxf(k->response[material].step, size / MAX_CELLS),
-                .farthest = k->response[material].farthest,
+                .max_thickness = k->response[material].max_thickness,
             };
         }
         k->patch_of[meshes[i]] = (uint32_t) at;
@@ -397,12 +399,12 @@ static void interpolate(const struct pell_mesh *mesh, const struct pell_curvatur
                         struct curvature_shapes *s)
 {
     for (int i = 0; i < 16; i++) {
-        const bool is = at->triangle[i] < mesh->num_triangles;
-        const uint32_t *index = mesh->index + (is ? 3 * (size_t) at->triangle[i] : 0);
+        const bool valid = at->triangle[i] < mesh->num_triangles;
+        const uint32_t *index = mesh->index + (valid ? 3 * (size_t) at->triangle[i] : 0);
         const struct pell_curvature_shape a = value[index[0]], b = value[index[1]], c = value[index[2]];
         const float u = at->u[i], v = at->v[i], w = 1.0f - u - v;
-        s->mean[i] = is ? w * a.mean + u * b.mean + v * c.mean : 0.0f;
-        s->thinness[i] = is ? w * a.thinness + u * b.thinness + v * c.thinness : 0.0f;
+        s->mean[i] = valid ? w * a.mean + u * b.mean + v * c.mean : 0.0f;
+        s->thinness[i] = valid ? w * a.thinness + u * b.thinness + v * c.thinness : 0.0f;
     }
 }
 
@@ -423,12 +425,12 @@ void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell
     }
     for (int i = 0; i < 16; i++) {
         struct pell_curvature_shape shape = { 0.0f, 0.0f };
-        const bool is = active[i] && at->mesh[i] < k->scene->num_meshes;
-        if (is)
+        const bool valid = active[i] && at->mesh[i] < k->scene->num_meshes;
+        if (valid)
             shape = pell_curvature_at(k, at->mesh[i], at->triangle[i], at->u[i], at->v[i]);
         s.mean[i] = shape.mean;
         s.thinness[i] = shape.thinness;
-        s.response[i] = &k->response[is ? k->scene->meshes[at->mesh[i]].material : 0];
+        s.response[i] = &k->response[valid ? k->scene->meshes[at->mesh[i]].material : 0];
     }
     k->kernels->effects(&s, out);
 }
@@ -479,11 +481,11 @@ size_t pell_curvature_words(const struct pell_curvature *k, uint32_t *out)
     uint32_t *of_mesh = out ? out + PELL_CURVATURE_HEAD : NULL;
 
     if (out) {
-        out[0] = (uint32_t) k->grid.room;
+        out[0] = (uint32_t) k->grid.capacity;
         out[1] = (uint32_t) w.count;
         curvature_grid_write(&k->grid, out + w.count);
     }
-    w.count += k->grid.room * PELL_CURVATURE_NODE;
+    w.count += k->grid.capacity * PELL_CURVATURE_NODE;
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         const uint32_t patch = k->patch_of[i];

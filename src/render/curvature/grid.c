@@ -12,72 +12,72 @@
 #define PIECES_MOST 512 /* along a side of a triangle */
 #define PIECES_BATCH 4096
 #define PIECE 0.5f               /* of a cell: longer edges and triangles are split */
-#define SIDE PELL_CURVATURE_SIDE /* the grid's step limits pieces to a quarter of them */
-#define LEAST_ROOM 4096
+#define SIDE PELL_CURVATURE_SIDE /* MAX_CELLS of cpu.c: an object needs at most a quarter of the nodes along an axis */
+#define MIN_CAPACITY 4096
 #define CREASE (PELL_PI / 3.0) /* as for normals that are missing in a file */
 
-static uint64_t key_of(size_t number, const int at[3])
+static uint64_t key_of(size_t patch_index, const int at[3])
 {
-    return 1u + (((uint64_t) number * SIDE + (uint64_t) at[0]) * SIDE + (uint64_t) at[1]) * SIDE + (uint64_t) at[2];
+    return 1u + (((uint64_t) patch_index * SIDE + (uint64_t) at[0]) * SIDE + (uint64_t) at[1]) * SIDE + (uint64_t) at[2];
 }
 
-static struct curvature_node *find(struct curvature_node *node, size_t room, uint64_t key)
+static struct curvature_node *find(struct curvature_node *node, size_t capacity, uint64_t key)
 {
     /* Multiplicative hashing with the golden section. */
-    size_t i = (size_t) (key * 0x9e3779b97f4a7c15u >> 20) & (room - 1);
+    size_t i = (size_t) (key * 0x9e3779b97f4a7c15u >> 20) & (capacity - 1);
 
     while (node[i].key && node[i].key != key)
-        i = (i + 1) & (room - 1);
+        i = (i + 1) & (capacity - 1);
     return &node[i];
 }
 
-static enum pell_result widen(struct curvature_grid *g)
+static enum pell_result grow(struct curvature_grid *g)
 {
-    const size_t room = g->room ? 2 * g->room : LEAST_ROOM;
-    struct curvature_node *node = pell_calloc(g->ctx, room, sizeof(*node));
+    const size_t capacity = g->capacity ? 2 * g->capacity : MIN_CAPACITY;
+    struct curvature_node *node = pell_calloc(g->ctx, capacity, sizeof(*node));
 
     if (!node)
         return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < g->room; i++)
+    for (size_t i = 0; i < g->capacity; i++)
         if (g->node[i].key)
-            *find(node, room, g->node[i].key) = g->node[i];
+            *find(node, capacity, g->node[i].key) = g->node[i];
     pell_free(g->ctx, g->node);
     g->node = node;
-    g->room = room;
+    g->capacity = capacity;
     return PELL_OK;
 }
 
 /* The node below a point, and the fraction to the next. */
-static void locate(const struct curvature_patch *patch, struct pell_vec3 p, int at[3], float part[3])
+static void locate(const struct curvature_patch *patch, struct pell_vec3 p, int at[3], float fraction[3])
 {
     const float x[3] = { (p.x - patch->low.x) / patch->step, (p.y - patch->low.y) / patch->step, (p.z - patch->low.z) / patch->step };
 
     for (int k = 0; k < 3; k++) {
         const float f = fminf(fmaxf(x[k], 0.0f), SIDE - 2.0f);
         at[k] = (int) f;
-        part[k] = f - (float) at[k];
+        fraction[k] = f - (float) at[k];
     }
 }
 
-enum pell_result curvature_grid_add(struct curvature_grid *g, const struct curvature_patch *patch, size_t number, struct pell_vec3 p,
+enum pell_result curvature_grid_add(struct curvature_grid *g, const struct curvature_patch *patch, size_t patch_index, struct pell_vec3 p,
                                     const struct curvature_sum *piece)
 {
     int base[3];
-    float part[3];
+    float fraction[3];
 
-    locate(patch, p, base, part);
-    while (2 * (g->count + 8) > g->room)
-        if (widen(g) != PELL_OK)
+    locate(patch, p, base, fraction);
+    while (2 * (g->count + 8) > g->capacity)
+        if (grow(g) != PELL_OK)
             return PELL_ERR_NOMEM;
     for (int i = 0; i < 8; i++) {
         const int at[3] = { base[0] + (i & 1), base[1] + (i >> 1 & 1), base[2] + (i >> 2) };
-        const double w = (double) (i & 1 ? part[0] : 1.0f - part[0]) * (double) (i & 2 ? part[1] : 1.0f - part[1]) *
-                         (double) (i & 4 ? part[2] : 1.0f - part[2]);
-        const uint64_t key = key_of(number, at);
+        const double w = (double) (i & 1 ? fraction[0] : 1.0f - fraction[0]) * (double) (i & 2 ? fraction[1] : 1.0f - fraction[1]) *
+                         (double) (i & 4 ? fraction[2] : 1.0f - fraction[2]);
+        const uint64_t key = key_of(patch_index, at);
         struct curvature_node *n;
         if (!(w > 0.0))
             continue;
-        n = find(g->node, g->room, key);
+        n = find(g->node, g->capacity, key);
         g->count += n->key == 0;
         n->key = key;
         n->sum.area += w * piece->area;
@@ -87,19 +87,19 @@ enum pell_result curvature_grid_add(struct curvature_grid *g, const struct curva
     return PELL_OK;
 }
 
-struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *g, const struct curvature_patch *patch, size_t number,
+struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *g, const struct curvature_patch *patch, size_t patch_index,
                                               struct pell_vec3 p)
 {
     struct curvature_sum sum = { 0.0, 0.0, 0.0 };
     int base[3];
-    float part[3];
+    float fraction[3];
 
-    locate(patch, p, base, part);
-    for (int i = 0; i < 8 && g->room; i++) {
+    locate(patch, p, base, fraction);
+    for (int i = 0; i < 8 && g->capacity; i++) {
         const int at[3] = { base[0] + (i & 1), base[1] + (i >> 1 & 1), base[2] + (i >> 2) };
-        const double w = (double) (i & 1 ? part[0] : 1.0f - part[0]) * (double) (i & 2 ? part[1] : 1.0f - part[1]) *
-                         (double) (i & 4 ? part[2] : 1.0f - part[2]);
-        const struct curvature_node *n = find(g->node, g->room, key_of(number, at));
+        const double w = (double) (i & 1 ? fraction[0] : 1.0f - fraction[0]) * (double) (i & 2 ? fraction[1] : 1.0f - fraction[1]) *
+                         (double) (i & 4 ? fraction[2] : 1.0f - fraction[2]);
+        const struct curvature_node *n = find(g->node, g->capacity, key_of(patch_index, at));
         sum.area += w * n->sum.area;
         sum.turn += w * n->sum.turn;
         sum.thin += w * n->sum.thin;
@@ -111,10 +111,10 @@ struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *g, co
 
 void curvature_grid_write(const struct curvature_grid *g, uint32_t *out)
 {
-    const uint32_t mask = (uint32_t) g->room - 1;
+    const uint32_t mask = (uint32_t) g->capacity - 1;
 
-    memset(out, 0, g->room * PELL_CURVATURE_NODE * sizeof(*out));
-    for (size_t i = 0; i < g->room; i++) {
+    memset(out, 0, g->capacity * PELL_CURVATURE_NODE * sizeof(*out));
+    for (size_t i = 0; i < g->capacity; i++) {
         const uint64_t key = g->node[i].key - 1;
         const uint32_t patch = (uint32_t) (key / ((uint64_t) SIDE * SIDE * SIDE)),
                        node_index = (uint32_t) (key % ((uint64_t) SIDE * SIDE * SIDE));
@@ -136,7 +136,7 @@ void curvature_grid_write(const struct curvature_grid *g, uint32_t *out)
 struct batch {
     struct curvature_grid *grid;
     const struct curvature_patch *patch;
-    size_t number;
+    size_t patch_index;
     const struct curvature_object *object;
     struct curvature_piece *piece; /* PIECES_BATCH */
     size_t count;
@@ -149,7 +149,7 @@ static enum pell_result add_pieces(struct batch *b)
     for (size_t i = 0; i < b->count; i++) {
         const struct curvature_piece *p = &b->piece[i];
         const struct curvature_sum sum = { .area = p->area, .thin = p->area * (double) p->thinness };
-        if (curvature_grid_add(b->grid, b->patch, b->number, p->at, &sum) != PELL_OK)
+        if (curvature_grid_add(b->grid, b->patch, b->patch_index, p->at, &sum) != PELL_OK)
             return PELL_ERR_NOMEM;
     }
     b->count = 0;
@@ -189,7 +189,7 @@ static double dihedral(const float *first, const float *second, struct pell_vec3
     return atan2(dvec3_dot(dvec3_cross(a, b), d), dvec3_dot(a, b));
 }
 
-static enum pell_result add_edge(struct curvature_grid *g, const struct curvature_patch *patch, size_t number, struct pell_vec3 a,
+static enum pell_result add_edge(struct curvature_grid *g, const struct curvature_patch *patch, size_t patch_index, struct pell_vec3 a,
                                  struct pell_vec3 along, double angle)
 {
     const float length = vec3_length(along);
@@ -197,17 +197,18 @@ static enum pell_result add_edge(struct curvature_grid *g, const struct curvatur
     const struct curvature_sum piece = { .turn = (double) length * angle / n };
 
     for (int i = 0; i < n; i++)
-        if (curvature_grid_add(g, patch, number, vec3_mad(a, ((float) i + 0.5f) / (float) n, along), &piece) != PELL_OK)
+        if (curvature_grid_add(g, patch, patch_index, vec3_mad(a, ((float) i + 0.5f) / (float) n, along), &piece) != PELL_OK)
             return PELL_ERR_NOMEM;
     return PELL_OK;
 }
 
-/* Adds an edge between two consistently oriented faces. Borders, and edges of more faces, have no curvature. */
+/* An edge between two consistently oriented faces. */
 struct edge {
     struct pell_vec3 from, along;
     double angle;
 };
 
+/* Returns false for edges without curvature: flat ones, borders, and edges of more than two faces. */
 static bool edge_of(const struct pell_topology *t, const float *const *at, uint32_t first, uint32_t end, struct edge *out)
 {
     const uint32_t a = t->half[first], b = t->half[end - 1];
@@ -238,13 +239,13 @@ static float smooth_length(const struct pell_topology *t, const float *const *at
     return weight > 0.0 ? (float) (sum / weight) : 0.0f;
 }
 
-enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_patch *patch, size_t number,
+enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_patch *patch, size_t patch_index,
                                    const struct curvature_object *object)
 {
     const struct pell_topology *t = object->topology;
     const struct pell_scene *scene = object->scene;
     const float **at = pell_alloc_array(g->ctx, t->num_positions, sizeof(*at)); /* per position: the last vertex there */
-    struct batch batch = { g, patch, number, object, pell_alloc(g->ctx, PIECES_BATCH * sizeof(*batch.piece)), 0 };
+    struct batch batch = { g, patch, patch_index, object, pell_alloc(g->ctx, PIECES_BATCH * sizeof(*batch.piece)), 0 };
     enum pell_result res = PELL_ERR_NOMEM;
     struct edge e;
 
@@ -271,7 +272,7 @@ enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_pa
     for (uint32_t i = 0, end, edges = 0; i < t->num_halves && !pell_cancelled_at(g->ctx, edges++); i = end) {
         end = pell_topology_edge(t, i);
         if (edge_of(t, at, i, end, &e))
-            PELL_TRY(add_edge(g, patch, number, e.from, e.along, e.angle));
+            PELL_TRY(add_edge(g, patch, patch_index, e.from, e.along, e.angle));
     }
     res = pell_cancelled(g->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 

@@ -14,7 +14,7 @@ struct curvature_patch {
     uint32_t material;
     struct pell_vec3 low; /* corner of the object's box */
     float step;           /* mm: side of a cell of the grid */
-    float farthest;       /* mm: largest thickness of thin parts */
+    float max_thickness;  /* mm: largest thickness of thin parts */
 };
 
 /* Sums over pieces of the surface. */
@@ -34,17 +34,18 @@ struct curvature_node {
 struct curvature_grid {
     struct pell_context *ctx;
     struct curvature_node *node;
-    size_t room, count; /* room: a power of two */
+    size_t capacity, count; /* capacity: a power of two */
 };
 
 /* Adds to the eight nodes around a point, with trilinear weights. */
-PELL_NODISCARD enum pell_result curvature_grid_add(struct curvature_grid *grid, const struct curvature_patch *patch, size_t number,
+PELL_NODISCARD enum pell_result curvature_grid_add(struct curvature_grid *grid, const struct curvature_patch *patch, size_t patch_index,
                                                    struct pell_vec3 at, const struct curvature_sum *piece);
-struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *grid, const struct curvature_patch *patch, size_t number,
+struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *grid, const struct curvature_patch *patch, size_t patch_index,
                                               struct pell_vec3 at);
 
-/* An object whose shape is measured. */
 struct pell_topology;
+
+/* An object whose shape is measured. */
 struct curvature_object {
     struct pell_pool *pool;
     const struct pell_rays *rays; /* NULL: nothing is thin */
@@ -54,7 +55,7 @@ struct curvature_object {
 };
 
 /* Adds all triangles and edges of an object. First widens the patch's step to the length of the edges that represent a smooth surface. */
-PELL_NODISCARD enum pell_result curvature_measure(struct curvature_grid *grid, struct curvature_patch *patch, size_t number,
+PELL_NODISCARD enum pell_result curvature_measure(struct curvature_grid *grid, struct curvature_patch *patch, size_t patch_index,
                                                   const struct curvature_object *object);
 
 /* Writes the nodes in the format of pell_curvature_words. */
@@ -69,7 +70,7 @@ struct curvature_piece {
     float thinness;              /* 1/mm */
 };
 
-/* Sets the pieces' thinness: n_A.(-n)/d, where the ray along -n leaves the object at A after d mm, at most the patch's `farthest`, with
+/* Sets the pieces' thinness: n_A.(-n)/d, where the ray along -n leaves the object at A after d mm, at most patch->max_thickness, with
  * nothing in between, else 0. All pieces are of one object and material. */
 void curvature_find_thin(const struct curvature_object *object, const struct curvature_patch *patch, struct curvature_piece *piece,
                          size_t count);

@@ -10,29 +10,29 @@
 #endif
 
 #define N 16
-enum { BENT = sizeof(struct curvature_bent) / sizeof(float), SLAB = 4 };
+enum { BENT = sizeof(struct curvature_bent) / sizeof(float), SLAB = 4 }; /* floats of an entry of the tables over curvature and thinness */
 
-/* Table values of each lane's shape. `slab`: 1 where nothing is thin, and the others 0. */
-struct looked {
+/* Table values of each lane's shape. Where nothing is thin, slab, sheet, ball and crossed are 1, through, forward and small 0. */
+struct table_values {
     _Alignas(64) float bent[BENT][N]; /* struct curvature_bent */
     float slab[SLAB][N], through[SLAB][N], forward[SLAB][N], crossed[SLAB][N], sheet[SLAB][N], ball[SLAB][N], small[SLAB][N];
 };
 
-/* Positions in a table: cells and fractions. */
-static void split(const float *at, int32_t *cell, float *rest)
+/* Splits positions in a table into cells and fractions. */
+static void split(const float *at, int32_t *cell, float *fraction)
 {
     for (int i = 0; i < N; i += WIDTH) {
         const vf coord = load(at + i);
         const vi whole = __builtin_convertvector(coord, vi);
         memcpy(cell + i, &whole, sizeof(whole));
-        store(rest + i, coord - __builtin_convertvector(whole, vf));
+        store(fraction + i, coord - __builtin_convertvector(whole, vf));
     }
 }
 
-static void look_up_bent(const struct curvature_shapes *restrict s, struct looked *restrict l)
+static void look_up_bent(const struct curvature_shapes *restrict s, struct table_values *restrict l)
 {
     static const float flat[2][BENT] = { { 1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1 }, { 1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1 } };
-    _Alignas(64) float limit[N], at[N], rest[N];
+    _Alignas(64) float limit[N], at[N], fraction[N];
     _Alignas(64) int32_t cell[N];
     const float *row[N];
 
@@ -40,17 +40,17 @@ static void look_up_bent(const struct curvature_shapes *restrict s, struct looke
         limit[i] = s->response[i]->limit;
     for (int i = 0; i < N; i++)
         at[i] = pell_curvature_mean_coord(s->mean[i], limit[i]);
-    split(at, cell, rest);
+    split(at, cell, fraction);
     for (int i = 0; i < N; i++)
         row[i] = s->mean[i] != 0.0f ? s->response[i]->bent[cell[i]].gain : flat[0];
-    rows_between(row, rest, BENT, l->bent);
+    rows_between(row, fraction, BENT, l->bent);
 }
 
-/* Positions of slabs of this thinness in their tables. */
+/* Positions in the tables over thinness. */
 struct table_cell {
     const float *thinness;
     _Alignas(64) int32_t cell[N];
-    _Alignas(64) float rest[N];
+    _Alignas(64) float fraction[N];
 };
 
 static void find_slab(const struct curvature_shapes *restrict s, const float *restrict thinness, struct table_cell *restrict p)
@@ -62,7 +62,7 @@ static void find_slab(const struct curvature_shapes *restrict s, const float *re
         step[i] = s->response[i]->step;
     for (int i = 0; i < N; i++)
         at[i] = pell_curvature_thinness_coord(thinness[i], step[i]);
-    split(at, p->cell, p->rest);
+    split(at, p->cell, p->fraction);
 }
 
 /* `none` where nothing is thin. */
@@ -73,33 +73,33 @@ static void look_up_slab(const struct curvature_shapes *restrict s, const struct
 
     for (int i = 0; i < N; i++)
         row[i] = p->thinness[i] > 0.0f ? (const float *) ((const char *) s->response[i] + table) + SLAB * p->cell[i] : none[0];
-    rows_between(row, p->rest, SLAB, out);
+    rows_between(row, p->fraction, SLAB, out);
 }
 
 static void effects(const struct curvature_shapes *restrict s, struct pell_curvature_effects *restrict out)
 {
-    static const float solid[2][SLAB] = { { 0 } }, whole[2][SLAB] = { { 1, 1, 1, 0 }, { 1, 1, 1, 0 } };
-    _Alignas(64) float thinness[N], beyond[N], round[N];
+    static const float zero[2][SLAB] = { { 0 } }, one[2][SLAB] = { { 1, 1, 1, 0 }, { 1, 1, 1, 0 } };
+    _Alignas(64) float thinness[N], excess[N], round[N];
     struct table_cell cell;
-    struct looked l;
+    struct table_values l;
 
     look_up_bent(s, &l);
     for (int i = 0; i < N; i++) {
         thinness[i] = larger(s->thinness[i], 0.0f);
-        beyond[i] = thinness[i] > 0.0f ? pell_curvature_excess(s->mean[i], thinness[i]) : 0.0f;
+        excess[i] = thinness[i] > 0.0f ? pell_curvature_excess(s->mean[i], thinness[i]) : 0.0f;
     }
     find_slab(s, thinness, &cell);
-    look_up_slab(s, &cell, offsetof(struct curvature_response, through), solid, l.through);
-    look_up_slab(s, &cell, offsetof(struct curvature_response, forward), solid, l.forward);
-    look_up_slab(s, &cell, offsetof(struct curvature_response, slab), whole, l.sheet);
-    look_up_slab(s, &cell, offsetof(struct curvature_response, ball), whole, l.ball);
-    look_up_slab(s, &cell, offsetof(struct curvature_response, small), solid, l.small);
-    find_slab(s, beyond, &cell);
-    look_up_slab(s, &cell, offsetof(struct curvature_response, slab), whole, l.slab);
-    look_up_slab(s, &cell, offsetof(struct curvature_response, crossed), whole, l.crossed);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, through), zero, l.through);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, forward), zero, l.forward);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, slab), one, l.sheet);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, ball), one, l.ball);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, small), zero, l.small);
+    find_slab(s, excess, &cell);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, slab), one, l.slab);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, crossed), one, l.crossed);
     for (int i = 0; i < N; i++) {
         round[i] = thinness[i] > 0.0f ? pell_curvature_round(s->mean[i], thinness[i]) : 0.0f;
-        out->flat[i] = thinness[i] > 0.0f ? pell_curvature_sheet(beyond[i], thinness[i]) : 0.0f;
+        out->flat[i] = thinness[i] > 0.0f ? pell_curvature_sheet(excess[i], thinness[i]) : 0.0f;
     }
     for (int c = 0; c < 3; c++) {
         _Alignas(64) float path[N];

@@ -9,7 +9,7 @@
 #include "render/curvature/stage.h"
 #include "shared/curvature.h"
 
-/* Tables over curvature, for R, G and B. */
+/* Entry of a table over curvature, for R, G and B. */
 struct curvature_bent {
     float gain[3];
     float opposed[3]; /* the same for profiles that are corrected between faces at an angle */
@@ -28,10 +28,10 @@ struct curvature_response {
     /* For a ball as thick: total return by optics/medium/small.h, corrected for T of uniform light; and the confidence of that. */
     float ball[PELL_CURVATURE_GAINS][4], small[PELL_CURVATURE_GAINS][4];
     bool scatters;
-    float step;     /* mm: the distance of averaging */
-    float limit;    /* 1/mm */
-    float path[3];  /* mean free path over index, mm */
-    float farthest; /* mm: thicker parts transmit nothing */
+    float step;          /* mm: the distance of averaging */
+    float limit;         /* 1/mm */
+    float path[3];       /* mean free path over index, mm */
+    float max_thickness; /* mm: thicker parts transmit nothing */
 };
 
 /* Shape at 16 points; 0: no effect. */

@@ -17,13 +17,13 @@
 
 struct pell_curvature;
 
-/* `media`: per scene material, for R, G and B, with their profiles; NULL where there is no gain. *out is NULL where no material has a
- * gain, or nothing is curved. Borrows `scene`; its `rays` find thin parts, NULL: nothing is thin. The result does not depend on the
- * number of threads, to the bit. */
+/* A material's medium, and its profiles for R, G and B. */
 struct pell_curvature_medium {
-    const struct pell_medium *medium;
+    const struct pell_medium *medium; /* NULL: no gain */
     const struct pell_profile *profile;
 };
+/* `media`: per scene material. *out is NULL where no material has a gain, or nothing is curved. Borrows `scene`; its `rays` find thin
+ * parts, NULL: nothing is thin. The result does not depend on the number of threads, to the bit. */
 PELL_NODISCARD enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
                                                       const struct pell_rays *rays, const struct pell_curvature_medium *media,
                                                       struct pell_curvature **out);
@@ -51,17 +51,17 @@ struct pell_curvature_effects {
         opposed_local[3][16], shift[3][16], sheet[3][16], round[3][16], returned[3][16], crossed[3][16];
     float flat[16]; /* 1: a sheet; 0: as round as a ball or a cylinder, or not thin */
 };
-/* Computes the effects at points of triangles: mesh, triangle, u and v of `at`. No effect where `ask` is 0. */
-void pell_curvature_effects_at(const struct pell_curvature *curvature, const struct pell_points16 *at, const int32_t *ask,
+/* Computes the effects at points of triangles: mesh, triangle, u and v of `at`. No effect where `active` is 0. */
+void pell_curvature_effects_at(const struct pell_curvature *curvature, const struct pell_points16 *at, const int32_t *active,
                                struct pell_curvature_effects *out);
 
-/* The same for a device: what it knows as words of 32 bits. Returns how many; `out` NULL: they are not written.
- *   room of the grid, its first word, 2 words unused; of each mesh: its patch (PELL_CURVATURE_NONE: nothing is known of it), what its
- *   vertices keep (mean, thinness), whether triangles are larger than the distance of averaging (a word each; PELL_CURVATURE_NONE: none
- *   is), its material's response: first words.
- *   Grid: `room` nodes of patch + 1 (0: free), node_index ((x * 1024 + y) * 1024 + z), area, turn, thin; a node is found from
- *   pell_curvature_slot() & (room - 1) on. Patch: low corner, step, its number. Law: step, limit, path of R, G and B; then tables of
- *   PELL_CURVATURE_GAINS entries: gain, opposed, across, all; slab, through, ball and small, 4 floats each. */
+/* Packs the data of these functions into 32-bit words for a device. Returns their number; `out` NULL: they are not written.
+ *   Head: capacity of the grid, its first word, 2 words unused. Per mesh, first words of: its patch (PELL_CURVATURE_NONE: none), the shapes
+ *   at its vertices (mean, thinness), flags of the triangles that are larger than the distance of averaging (a word each;
+ *   PELL_CURVATURE_NONE: none is), its material's response. Grid: nodes of patch + 1 (0: free), node_index ((x * 1024 + y) * 1024 + z),
+ *   area, turn, thin; a node is found from pell_curvature_slot() & (capacity - 1) on. Patch: low corner, step, its index. Response: step,
+ *   limit, path of R, G and B; then tables of PELL_CURVATURE_GAINS entries: gain, opposed, across, all; slab, through, ball and small,
+ *   4 floats each. */
 enum { PELL_CURVATURE_HEAD = 4, PELL_CURVATURE_OF_MESH = 4, PELL_CURVATURE_NODE = 5 };
 #define PELL_CURVATURE_NONE UINT32_MAX
 size_t pell_curvature_words(const struct pell_curvature *curvature, uint32_t *out);

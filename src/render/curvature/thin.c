@@ -17,7 +17,6 @@ struct thin_job {
     const struct curvature_patch *patch;
     struct curvature_piece *piece;
     size_t count;
-    int id; /* of the object */
 };
 
 static float largest(struct pell_vec3 p)
@@ -33,7 +32,7 @@ static bool measure(const struct thin_job *job, struct curvature_piece *piece, c
     const struct pell_mesh *mesh = r->hit.mesh[i] < scene->num_meshes ? &scene->meshes[r->hit.mesh[i]] : NULL;
     float opposed;
 
-    if (!mesh || mesh->object != job->id || (uint32_t) mesh->material != job->patch->material)
+    if (!mesh || mesh->object != job->object->id || (uint32_t) mesh->material != job->patch->material)
         return true;
     opposed = -vec3_dot(piece->normal, vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i])));
     if (!(opposed > 0.0f)) {
@@ -67,7 +66,7 @@ static void drop_buried(const struct thin_job *job, struct curvature_piece *piec
         return;
     pell_rays_closest16(job->object->rays, mask, false, &r);
     for (size_t i = 0; i < count; i++)
-        if (mask[i] && pell_hit16_inside(job->object->scene, &r, (int) i, job->id))
+        if (mask[i] && pell_hit16_inside(job->object->scene, &r, (int) i, job->object->id))
             piece[i].thinness = 0.0f;
 }
 
@@ -87,7 +86,7 @@ static void thin16(void *arg, int index, int worker)
         const struct curvature_piece *p = &piece[i < count ? i : 0];
         const struct pell_vec3 inward = vec3_mul(p->normal, -1.0f);
         mask[i] = i < count && p->area > 0.0 ? -1 : 0;
-        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, OFFSET * largest(p->at), inward), inward, job->patch->farthest);
+        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, OFFSET * largest(p->at), inward), inward, job->patch->max_thickness);
     }
     for (size_t i = 0; i < count; i++)
         piece[i].thinness = 0.0f;
@@ -101,7 +100,7 @@ static void thin16(void *arg, int index, int worker)
                 mask[i] = 0;
             any |= mask[i] != 0;
             r.ray.tnear[i] = r.ray.tfar[i] + OFFSET * largest(piece[i < count ? i : 0].at);
-            r.ray.tfar[i] = job->patch->farthest;
+            r.ray.tfar[i] = job->patch->max_thickness;
         }
     }
     drop_buried(job, piece, count);
@@ -110,7 +109,7 @@ static void thin16(void *arg, int index, int worker)
 void curvature_find_thin(const struct curvature_object *object, const struct curvature_patch *patch, struct curvature_piece *piece,
                          size_t count)
 {
-    struct thin_job job = { object, patch, piece, count, object->id };
+    struct thin_job job = { object, patch, piece, count };
 
     pell_pool_run(object->pool, (int) ((count + LANES - 1) / LANES), thin16, &job);
 }

@@ -26,7 +26,7 @@ static bool inside(const struct pell_rect *r, int x, int y)
     return x >= r->x0 && x < r->x1 && y >= r->y0 && y < r->y1;
 }
 
-static float *of(const struct pell_denoise_params *p, float *plane, int x, int y)
+static float *pixel_at(const struct pell_denoise_params *p, float *plane, int x, int y)
 {
     return plane + (ptrdiff_t) y * p->stride + x;
 }
@@ -38,9 +38,9 @@ static float mean_variance(const struct pell_denoise_params *p, int c, int x, in
 
     for (int v = y - 2; v <= y + 2; v++)
         for (int u = x - 2; u <= x + 2; u++) {
-            const float translucent = inside(&p->rect, u, v) ? *of(p, p->sum->translucent, u, v) : 0.0f;
+            const float translucent = inside(&p->rect, u, v) ? *pixel_at(p, p->sum->translucent, u, v) : 0.0f;
             if (translucent > 0.0f) {
-                sum += *of(p, p->sum->variance[c], u, v) / (translucent * translucent);
+                sum += *pixel_at(p, p->sum->variance[c], u, v) / (translucent * translucent);
                 count += 1.0f;
             }
         }
@@ -51,23 +51,24 @@ static void load_pixel(const struct task *k, struct pell_denoise_tile *t, int x,
 {
     const struct pell_denoise_params *p = k->p;
     const struct pell_accumulator *s = p->sum;
-    const float depth = *of(p, s->depth, x, y), translucent = *of(p, s->translucent, x, y), alpha = *of(p, s->alpha, x, y);
+    const float depth = *pixel_at(p, s->depth, x, y), translucent = *pixel_at(p, s->translucent, x, y),
+                alpha = *pixel_at(p, s->alpha, x, y);
 
     if (!(translucent > 0.0f) || !(alpha > 0.0f))
         return;
     for (int c = 0; c < 3; c++) {
-        const float single = s->single[c] ? *of(p, s->single[c], x, y) : 0.0f;
-        const float reflected = p->traced ? *of(p, s->specular[c], x, y) : 0.0f;
-        t->light[c][to_y][to_x] = (*of(p, s->multiple[c], x, y) + single + reflected) / translucent;
+        const float single = s->single[c] ? *pixel_at(p, s->single[c], x, y) : 0.0f;
+        const float reflected = p->traced ? *pixel_at(p, s->specular[c], x, y) : 0.0f;
+        t->light[c][to_y][to_x] = (*pixel_at(p, s->multiple[c], x, y) + single + reflected) / translucent;
         t->variance[c][to_y][to_x] = mean_variance(p, c, x, y);
-        t->feature[NORMAL + c][to_y][to_x] = *of(p, s->normal[c], x, y) / alpha * (1.0f / NORMAL_STEP);
-        t->feature[ALBEDO + c][to_y][to_x] = *of(p, s->albedo[c], x, y) / alpha * (1.0f / ALBEDO_STEP);
+        t->feature[NORMAL + c][to_y][to_x] = *pixel_at(p, s->normal[c], x, y) / alpha * (1.0f / NORMAL_STEP);
+        t->feature[ALBEDO + c][to_y][to_x] = *pixel_at(p, s->albedo[c], x, y) / alpha * (1.0f / ALBEDO_STEP);
     }
     t->feature[DEPTH][to_y][to_x] = depth > 0.0f ? logf(depth) * (1.0f / DEPTH_STEP) : 0.0f;
     t->translucent[to_y][to_x] = translucent;
     t->valid[to_y][to_x] = 1.0f;
     if (k->second)
-        t->total[to_y][to_x] = *of(p, p->scratch[3], x, y);
+        t->total[to_y][to_x] = *pixel_at(p, p->scratch[3], x, y);
 }
 
 /* Excess of outliers: pixels that exceed all but one of the pixels around them by far, with an equally large uncertainty. Features are
@@ -90,7 +91,7 @@ static void find_outliers(const struct task *k, struct pell_denoise_tile *t, int
                     second = other > first ? first : other > second ? other : second;
                     first = other > first ? other : first;
                 }
-                error = RESOLVED * sqrtf(*of(p, p->sum->variance[c], left + x, top + y)) / translucent;
+                error = RESOLVED * sqrtf(*pixel_at(p, p->sum->variance[c], left + x, top + y)) / translucent;
                 if (count > 3.0f && light > OUTLIER * second && light - second < error)
                     t->excess[c][y][x] = light - second;
             }
@@ -165,19 +166,19 @@ static void filter_tile(void *arg, int index, int worker)
     for (int y = 0; y < TILE && y0 + y < r.y1; y++)
         for (int x = 0; x < TILE && x0 + x < r.x1; x++) {
             if (!k->second)
-                *of(p, p->scratch[3], x0 + x, y0 + y) = tile.sum[y][x];
+                *pixel_at(p, p->scratch[3], x0 + x, y0 + y) = tile.sum[y][x];
             for (int c = 0; c < 3 && k->second; c++)
-                *of(p, p->scratch[c], x0 + x, y0 + y) =
-                    *of(p, p->sum->color[c], x0 + x, y0 + y) + tile.gained[c][y][x] + tile.moved[c][y][x];
+                *pixel_at(p, p->scratch[c], x0 + x, y0 + y) =
+                    *pixel_at(p, p->sum->color[c], x0 + x, y0 + y) + tile.gained[c][y][x] + tile.moved[c][y][x];
         }
 }
 
-bool pell_denoise_knows(const struct pell_denoise_params *p)
+bool pell_denoise_has_variance(const struct pell_denoise_params *p)
 {
     for (int c = 0; c < 3; c++)
         for (int y = p->rect.y0; y < p->rect.y1; y++)
             for (int x = p->rect.x0; x < p->rect.x1; x++)
-                if (*of(p, p->sum->variance[c], x, y) > 0.0f)
+                if (*pixel_at(p, p->sum->variance[c], x, y) > 0.0f)
                     return true;
     return false;
 }
@@ -195,5 +196,5 @@ void pell_denoise_render(struct pell_pool *pool, const struct pell_denoise_param
     pell_pool_run(pool, k.across * down, filter_tile, &k);
     for (int c = 0; c < 3; c++)
         for (int y = r.y0; y < r.y1; y++)
-            memcpy(of(p, p->sum->color[c], r.x0, y), of(p, p->scratch[c], r.x0, y), (size_t) (r.x1 - r.x0) * sizeof(float));
+            memcpy(pixel_at(p, p->sum->color[c], r.x0, y), pixel_at(p, p->scratch[c], r.x0, y), (size_t) (r.x1 - r.x0) * sizeof(float));
 }

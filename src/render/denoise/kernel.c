@@ -19,21 +19,22 @@ INLINE float fall(float d)
 }
 
 /* Distances of the light of pixels and that at (dx, dy) from them, in variances; and which pairs are valid. */
-INLINE void compare_pixels(const struct pell_denoise_tile *t, int dx, int dy, float (*restrict far)[SPAN], float (*restrict pairs)[SPAN])
+INLINE void compare_pixels(const struct pell_denoise_tile *t, int dx, int dy, float (*restrict patch_distance)[SPAN],
+                           float (*restrict pairs)[SPAN])
 {
     for (int y = 0; y < SPAN; y++) {
         const int py = y + BORDER - PATCH, px = BORDER - PATCH;
         const float *valid = &t->valid[py][px], *other = &t->valid[py + dy][px + dx];
         for (int x = 0; x < SPAN; x++) {
             pairs[y][x] = valid[x] * other[x];
-            far[y][x] = 0.0f;
+            patch_distance[y][x] = 0.0f;
         }
         for (int c = 0; c < 3; c++) {
             const float *a = &t->light[c][py][px], *b = &t->light[c][py + dy][px + dx];
             const float *va = &t->variance[c][py][px], *vb = &t->variance[c][py + dy][px + dx];
             for (int x = 0; x < SPAN; x++) {
                 const float d = a[x] - b[x], v = va[x] + vb[x];
-                far[y][x] += pairs[y][x] * (d * d - v) / (1e-30f + CLOSE * CLOSE * v);
+                patch_distance[y][x] += pairs[y][x] * (d * d - v) / (1e-30f + CLOSE * CLOSE * v);
             }
         }
     }
@@ -65,13 +66,13 @@ INLINE void add_patches(float (*restrict values)[SPAN], float (*restrict out)[TI
 INLINE void weigh_pairs(const struct pell_denoise_tile *t, int dx, int dy, float (*restrict weight)[TILE])
 {
     const float reach = sqrtf((float) (dx * dx + dy * dy));
-    float far[SPAN][SPAN], pairs[SPAN][SPAN], distance[TILE][TILE], count[TILE][TILE];
+    float patch_distance[SPAN][SPAN], pairs[SPAN][SPAN], distance[TILE][TILE], count[TILE][TILE];
 
-    compare_pixels(t, dx, dy, far, pairs);
+    compare_pixels(t, dx, dy, patch_distance, pairs);
     for (int y = 0; y < TILE; y++)
         for (int x = 0; x < TILE; x++)
             weight[y][x] = pairs[y + PATCH][x + PATCH];
-    add_patches(far, distance);
+    add_patches(patch_distance, distance);
     add_patches(pairs, count);
     for (int y = 0; y < TILE; y++) {
         const int py = y + BORDER;

@@ -11,7 +11,7 @@
 #define RING 2                         /* pixels to either side that outliers depend on */
 #define BORDER (WINDOW + PATCH + RING) /* of a tile */
 #define WIDE (TILE + 2 * BORDER)       /* a tile and its border */
-#define CLOSE 0.7f                     /* k: standard deviations of a difference of patches */
+#define CLOSE 0.7f                     /* k of the paper: standard deviations of a difference of patches */
 
 /* Features of a pixel, each divided by the difference that halves a weight; depth, as its logarithm, may differ by more where it is
  * steep. */
@@ -23,7 +23,7 @@ struct pell_denoise_tile {
     float feature[FEATURES][WIDE][WIDE];
     float steep[WIDE][WIDE];     /* change of DEPTH from a pixel to the next */
     float valid[WIDE][WIDE];     /* 1 where the pixel is in the image and its fraction is not 0, so that it has noise, else 0 */
-    float total[WIDE][WIDE];     /* W; of the second pass */
+    float total[WIDE][WIDE];     /* W, for the second pass */
     float excess[3][WIDE][WIDE]; /* excess over the light expected from the neighbourhood */
     float gained[3][TILE][TILE]; /* excess light received from others and given to them, of the whole pixel */
     float moved[3][TILE][TILE], sum[TILE][TILE];

@@ -28,12 +28,12 @@ struct pell_denoise_params {
     ptrdiff_t stride;
     struct pell_rect rect;              /* rectangle of the composite: only its pixels are read and written */
     const struct pell_accumulator *sum; /* color is replaced; the other planes are read */
-    bool traced;                        /* reflected light is noisy as well */
+    bool traced;                        /* reflected light is noisy, too, and filtered */
     float *scratch[PELL_DENOISE_PLANES];
 };
 
 /* Whether the variance is known: not for a single sample. */
-bool pell_denoise_knows(const struct pell_denoise_params *params);
+bool pell_denoise_has_variance(const struct pell_denoise_params *params);
 /* Allocates nothing. The result does not depend on the number of threads, to the bit. */
 void pell_denoise_render(struct pell_pool *pool, const struct pell_denoise_params *params);
 

@@ -18,16 +18,17 @@ _Static_assert(2 * REACH + 1 == PELL_HIGHLIGHTS_TAPS, "a row's taps");
 struct job {
     const struct pell_highlights_params *p;
     const struct pell_highlights_kernels *kernels;
-    void (*block)(struct job *job, int y, int x0, int x1); /* of a row */
+    void (*run)(struct job *job, int y, int x0, int x1); /* the current pass, for a block of a row */
     _Atomic int64_t pixels;
 };
 
-static uint8_t *lit(const struct job *job, int y, int x)
+/* Flag of the block of a row that contains pixel x. */
+static uint8_t *has_hidden(const struct job *job, int y, int x)
 {
-    return job->p->lit + (size_t) y * pell_highlights_blocks(job->p->stride) + (size_t) (x / PELL_HIGHLIGHTS_BLOCK);
+    return job->p->has_hidden + (size_t) y * pell_highlights_blocks(job->p->stride) + (size_t) (x / PELL_HIGHLIGHTS_BLOCK);
 }
 
-/* The end of the block of a row that holds x. */
+/* The end of the block of a row that contains x. */
 static int block_end(const struct job *job, int x)
 {
     const int end = (x / PELL_HIGHLIGHTS_BLOCK + 1) * PELL_HIGHLIGHTS_BLOCK;
@@ -35,7 +36,7 @@ static int block_end(const struct job *job, int x)
     return end < job->p->rect.x1 ? end : job->p->rect.x1;
 }
 
-static void find(struct job *job, int y, int x0, int x1)
+static void find_hidden(struct job *job, int y, int x0, int x1)
 {
     const struct pell_highlights_params *p = job->p;
     const ptrdiff_t at = y * p->stride + x0;
@@ -44,7 +45,7 @@ static void find(struct job *job, int y, int x0, int x1)
     for (int c = 0; c < PELL_HIGHLIGHTS_SUMS; c++)
         for (int i = 0; i < x1 - x0; i++)
             any += p->hidden[c][at + i] > 0.0f ? 1.0f : 0.0f;
-    *lit(job, y, x0) = any > 0.0f;
+    *has_hidden(job, y, x0) = any > 0.0f;
 }
 
 /* Whether there is hidden light within reach of the block at x. */
@@ -55,7 +56,7 @@ static bool any_hidden(const struct job *job, int y, int x)
     bool any = false;
 
     for (int v = y - REACH > r->y0 ? y - REACH : r->y0; v <= y + REACH && v < r->y1; v++)
-        any |= *lit(job, v, x0) | *lit(job, v, x) | *lit(job, v, x1 < r->x1 ? x1 : r->x1 - 1);
+        any |= *has_hidden(job, v, x0) | *has_hidden(job, v, x) | *has_hidden(job, v, x1 < r->x1 ? x1 : r->x1 - 1);
     return any;
 }
 
@@ -70,7 +71,7 @@ static void filter(struct job *job, int y, int x0, int x1)
                                        .fixed_mm = p->fixed_mm,
                                        .slope = PELL_HIGHLIGHTS_SLOPE,
                                        .rays = (float) p->rays };
-    float *room[PELL_HIGHLIGHTS_SUMS];
+    float *scratch[PELL_HIGHLIGHTS_SUMS];
 
     if (!any_hidden(job, y, x0))
         return;
@@ -79,7 +80,7 @@ static void filter(struct job *job, int y, int x0, int x1)
     for (int c = 0; c < PELL_HIGHLIGHTS_SUMS; c++) {
         b.light[c] = p->light[c] + at;
         b.hidden[c] = p->hidden[c] + at;
-        room[c] = p->room[c] + at;
+        scratch[c] = p->scratch[c] + at;
     }
     for (int v = -REACH; v <= REACH; v++) {
         struct pell_highlights_tap taps[PELL_HIGHLIGHTS_TAPS];
@@ -94,10 +95,11 @@ static void filter(struct job *job, int y, int x0, int x1)
         if (y + v >= r->y0 && y + v < r->y1)
             job->kernels->add(&b, taps, PELL_HIGHLIGHTS_TAPS);
     }
-    job->kernels->end(&b, room, x1 - x0);
+    job->kernels->end(&b, scratch, x1 - x0);
     atomic_fetch_add_explicit(&job->pixels, x1 - x0, memory_order_relaxed);
 }
 
+/* Copies the results back, once no pixel reads its neighbours any more. */
 static void copy(struct job *job, int y, int x0, int x1)
 {
     const struct pell_highlights_params *p = job->p;
@@ -105,7 +107,7 @@ static void copy(struct job *job, int y, int x0, int x1)
 
     if (any_hidden(job, y, x0))
         for (int c = 0; c < PELL_HIGHLIGHTS_SUMS; c++)
-            memcpy(p->light[c] + at, p->room[c] + at, (size_t) (x1 - x0) * sizeof(float));
+            memcpy(p->light[c] + at, p->scratch[c] + at, (size_t) (x1 - x0) * sizeof(float));
 }
 
 static void run_rows(void *arg, int index, int worker)
@@ -117,19 +119,19 @@ static void run_rows(void *arg, int index, int worker)
     for (int y = y0; y < y1; y++)
         for (int x0 = job->p->rect.x0, x1; x0 < job->p->rect.x1; x0 = x1) {
             x1 = block_end(job, x0);
-            job->block(job, y, x0, x1);
+            job->run(job, y, x0, x1);
         }
 }
 
 int64_t pell_highlights_render(struct pell_pool *pool, const struct pell_highlights_params *p)
 {
-    static void (*const blocks[])(struct job *, int, int, int) = { find, filter, copy };
+    static void (*const passes[])(struct job *, int, int, int) = { find_hidden, filter, copy };
     struct job job = { .p = p, .kernels = pell_highlights_kernels_tables[pell_simd_best()] };
 
     if (p->rect.x0 >= p->rect.x1 || p->rect.y0 >= p->rect.y1)
         return 0;
-    for (size_t i = 0; i < sizeof(blocks) / sizeof(*blocks); i++) {
-        job.block = blocks[i];
+    for (size_t i = 0; i < sizeof(passes) / sizeof(*passes); i++) {
+        job.run = passes[i];
         pell_pool_run(pool, (p->rect.y1 - p->rect.y0 + BAND - 1) / BAND, run_rows, &job);
     }
     return atomic_load(&job.pixels);

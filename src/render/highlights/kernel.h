@@ -28,14 +28,15 @@ struct pell_highlights_block {
     float slope;              /* depth difference, in pixel widths, beyond which surfaces are different */
     float depth_mm, fixed_mm; /* a pixel at depth d is d depth_mm + fixed_mm wide */
     float rays;               /* per pixel and light */
-    _Alignas(64) float seen[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK], all[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK]; /* over taps, */
-    float next[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK], next_all[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK]; /* the nine next */
+    /* sums with and without shadows: over all taps, and over the nine nearest pixels */
+    _Alignas(64) float seen[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK], all[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK];
+    float next[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK], next_all[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK];
 };
 
 struct pell_highlights_kernels {
     /* Adds the taps of a row, at most PELL_HIGHLIGHTS_TAPS, to the pixels. */
     void (*add)(struct pell_highlights_block *block, const struct pell_highlights_tap *taps, int count);
-    /* light + hidden, times the visible fraction; `light` where nothing is hidden around a pixel, or where it emits. */
+    /* Writes light + hidden, times the visible fraction; `light` where nothing is hidden around a pixel, or where it emits. */
     void (*end)(const struct pell_highlights_block *block, float *const out[PELL_HIGHLIGHTS_SUMS], int count);
 };
 

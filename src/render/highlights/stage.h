@@ -28,10 +28,11 @@ struct pell_highlights_params {
     const float *hidden[PELL_HIGHLIGHTS_SUMS]; /* hidden and lost */
     int rays;                                  /* per pixel and light: more rays mean less noise */
     float depth_mm, fixed_mm;                  /* a pixel at depth d is d depth_mm + fixed_mm wide */
-    float *room[PELL_HIGHLIGHTS_SUMS];         /* may hold anything */
-    uint8_t *lit;                              /* scratch: pell_highlights_blocks(stride) entries per row of the image */
+    float *scratch[PELL_HIGHLIGHTS_SUMS];      /* initial content is ignored */
+    uint8_t *has_hidden;                       /* scratch: pell_highlights_blocks(stride) entries per row of the image */
 };
 
+/* Number of blocks per row for which it is recorded whether they contain hidden light. */
 static inline size_t pell_highlights_blocks(ptrdiff_t stride)
 {
     return (size_t) stride / PELL_HIGHLIGHTS_BLOCK + 1;

@@ -30,16 +30,16 @@ void light_device_drop_room(struct pell_light_device *d)
 /* Creates a buffer on the device with `size` bytes of `data`. */
 static enum pell_result send(struct pell_light_device *d, enum pell_light_buffer which, const void *data, size_t size, const char *name)
 {
-    const size_t most = size > 0 ? size : WORD;
+    const size_t bytes = size > 0 ? size : WORD; /* a buffer is never empty */
     struct pell_gpu_buffer *up = NULL;
     enum pell_result res;
 
-    PELL_TRY(pell_gpu_buffer_create(d->gpu, PELL_GPU_ON_DEVICE, most, name, &d->buffers[which]));
-    PELL_TRY(pell_gpu_buffer_create(d->gpu, PELL_GPU_TO_DEVICE, most, name, &up));
+    PELL_TRY(pell_gpu_buffer_create(d->gpu, PELL_GPU_ON_DEVICE, bytes, name, &d->buffers[which]));
+    PELL_TRY(pell_gpu_buffer_create(d->gpu, PELL_GPU_TO_DEVICE, bytes, name, &up));
     if (size > 0)
         memcpy(pell_gpu_buffer_host(up), data, size);
     PELL_TRY(pell_gpu_begin(d->commands));
-    pell_gpu_copy(d->commands, up, d->buffers[which], most);
+    pell_gpu_copy(d->commands, up, d->buffers[which], bytes);
     PELL_TRY(pell_gpu_finish(d->commands));
     pell_gpu_buffer_destroy(&up);
     return PELL_OK;
@@ -160,7 +160,7 @@ static bool is_first(const struct pell_lights *lights, size_t light)
 }
 
 /* Index of the image among those of earlier lights. */
-static size_t image_number(const struct pell_lights *lights, size_t light)
+static size_t image_index(const struct pell_lights *lights, size_t light)
 {
     const struct pell_texture *image = lights->sources[light].image;
     size_t count = 0;
@@ -227,7 +227,7 @@ static enum pell_result send_lights(struct pell_light_device *d, const struct pe
             *light = lights->data[i];
             light->light = e < 0 ? source->light : lights->environments[e].light;
             light->flags |= (uint32_t) source->turn << PELL_LIT_TURN_AT | (uint32_t) source->turns << PELL_LIT_TURNS_AT;
-            light->image = source->image ? (int32_t) image_number(lights, i) : -1;
+            light->image = source->image ? (int32_t) image_index(lights, i) : -1;
             d->most_samples = (uint32_t) source->samples > d->most_samples ? (uint32_t) source->samples : d->most_samples;
         }
     return send(d, LIGHTS, d->sorted, count * sizeof(*d->sorted), "lights");
@@ -235,7 +235,7 @@ static enum pell_result send_lights(struct pell_light_device *d, const struct pe
 
 static enum pell_result send_tables(struct pell_light_device *d, const struct pell_specular_tables *t)
 {
-    const size_t of_albedo = sizeof(t->albedo) / sizeof(float), mean_at = of_albedo + t->num_boundaries * PELL_BOUNDARY_MU;
+    const size_t num_albedo = sizeof(t->albedo) / sizeof(float), mean_at = num_albedo + t->num_boundaries * PELL_BOUNDARY_MU;
     const size_t all = mean_at + sizeof(t->mean) / sizeof(float);
     float *values = pell_alloc_array(d->ctx, all, sizeof(*values));
     enum pell_result res;
@@ -244,7 +244,7 @@ static enum pell_result send_tables(struct pell_light_device *d, const struct pe
         return PELL_ERR_NOMEM;
     memcpy(values, t->albedo, sizeof(t->albedo));
     for (size_t i = 0; i < t->num_boundaries; i++)
-        memcpy(values + of_albedo + i * PELL_BOUNDARY_MU, t->boundaries[i].transmittance, sizeof(t->boundaries[i].transmittance));
+        memcpy(values + num_albedo + i * PELL_BOUNDARY_MU, t->boundaries[i].transmittance, sizeof(t->boundaries[i].transmittance));
     memcpy(values + mean_at, t->mean, sizeof(t->mean));
     res = send(d, TABLES, values, all * sizeof(*values), "light, tables");
     pell_free(d->ctx, values);
@@ -276,7 +276,7 @@ enum pell_result light_device_prepare(struct pell_light_device *d)
 
     if (!d->scene || !d->lights || pell_light_device_refuses(d) || d->wanted == 0)
         return PELL_OK;
-    words = 2 + PELL_LIT_HIGHLIGHT_WORDS + 2 * d->lights->num_environments + PELL_LIT_SHINE_WORDS * light_device_has_state(d) +
+    words = 2 + PELL_LIT_HIGHLIGHT_WORDS + 2 * d->lights->num_environments + PELL_LIT_HIGHLIGHT_STATE_WORDS * light_device_has_state(d) +
             PELL_LIT_THROUGH_WORDS * d->through;
     room = d->wanted < RESULTS_MOST / (WORD * words) ? d->wanted : RESULTS_MOST / (WORD * words);
     if (room > d->room || words > d->room_words) {

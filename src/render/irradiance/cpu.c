@@ -112,7 +112,7 @@ static void transmit(const struct job *job, const struct pell_light_source *sour
 {
     if (k->any_forward)
         pell_transmit_forward(job, source, a, k);
-    if (k->lanes.any_deep && !k->passed)
+    if (k->lanes.any_transmits && !k->transmission_by_device)
         pell_transmit_light(job, source, a, k);
 }
 
@@ -151,7 +151,7 @@ static void add_light(const struct job *job, const struct pell_light_source *sou
     const bool highlights = source->environment < 0 && !k->lit_by_device && shows_highlights(job, k);
     struct pell_gloss gloss;
 
-    if (k->lit_by_device && !k->any_forward && (k->passed || !k->lanes.any_deep))
+    if (k->lit_by_device && !k->any_forward && (k->transmission_by_device || !k->lanes.any_transmits))
         return;
     if (highlights)
         job->kernels->begin_highlights(data, &k->lanes, &gloss);
@@ -172,7 +172,7 @@ static void add_light(const struct job *job, const struct pell_light_source *sou
         } else if (pell_light_in_table(data) && !k->lit_by_device) {
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
         }
-        if (source->environment >= 0 && (k->any_forward || k->lanes.any_deep))
+        if (source->environment >= 0 && (k->any_forward || k->lanes.any_transmits))
             aim_at_middle(job, data, k);
         if (k->aim.any_back && turns && source->turns > 1)
             record_turn(job, source, k, turns);
@@ -196,7 +196,7 @@ static void add_environment_lights(const struct job *job, size_t environment, st
         const struct pell_light_source *source = &lights->sources[j];
         if (source->environment != (int) environment)
             continue;
-        add_light(job, source, k, sums, job->entering ? NULL : &turns);
+        add_light(job, source, k, sums, job->entering_only ? NULL : &turns);
         if (source->turns > 1 && source->turn == source->turns - 1)
             end_turns(job, k, &turns);
     }
@@ -214,7 +214,7 @@ static void add_reflection(const struct job *job, struct packet *k, const struct
         if (!(strength > 0.0f))
             continue;
         pell_environment_reflection(env, vec3_normalize(vec3_sub(vec3_mul(n, 2.0f * nv), v)), sqrtf(l->width2[i]), rgb);
-        pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->fraction[i], nv, &scale, &bias);
+        pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->roughness_fraction[i], nv, &scale, &bias);
         for (int c = 0; c < 3; c++)
             k->sums.specular[c][i] += rgb[c] * l->tint[c][i] * pell_saturate(l->f0[c][i] * scale + bias) * k->ambient[i];
     }
@@ -228,7 +228,7 @@ static void add_directions(const struct pell_sums *from, struct packet *k)
             k->sums.direction_in[c][i] += from->direction_in[c][i];
         }
     for (int i = 0; i < k->count; i++)
-        k->sums.known[i] += from->known[i];
+        k->sums.direction_weight[i] += from->direction_weight[i];
 }
 
 /* Diffuse light is returned including its single scattering, as a surplus of entering light (pell_angle.enter_mean). Returns that
@@ -254,14 +254,14 @@ static void add_environments(const struct job *job, struct packet *k)
         sky.normal[1][i] = l->gy[i];
         sky.normal[2][i] = l->gz[i];
     }
-    if (job->entering && job->p->ambient && !k->far_side)
+    if (job->entering_only && job->p->ambient && !k->far_side)
         for (int i = 0; i < PELL_LANES; i++)
             k->ambient[i] = job->p->ambient[k->index[i]];
     else if (!k->lit_by_device)
         pell_ambient_visibility(job, k, l->valid, PELL_AMBIENT_SALT, &sky, k->ambient);
     for (size_t e = 0; e < lights->num_environments; e++) {
         struct pell_sums sums = { 0 };
-        if (!pell_light_counts(job, lights->environments[e].light))
+        if (!pell_irradiance_requests(job->p, lights->environments[e].light))
             continue;
         if (k->lit_by_device)
             pell_read_environment(job, k, e, &sums);
@@ -285,9 +285,9 @@ static void add_environments(const struct job *job, struct packet *k)
         if (shows_highlights(job, k))
             add_reflection(job, k, &lights->environments[e]);
     }
-    if (l->any_deep && k->passed)
+    if (l->any_transmits && k->transmission_by_device)
         pell_read_environment_transmitted(job, k);
-    else if (l->any_deep)
+    else if (l->any_transmits)
         pell_transmit_environment(job, k);
 }
 
@@ -305,7 +305,7 @@ static bool is_back(const struct job *job, const struct packet *k, int i)
 
 static void add_indirect(const struct job *job, struct packet *k)
 {
-    const bool transmits = job->p->passed && !job->entering && !k->far_side;
+    const bool transmits = job->p->transmits && !job->entering_only && !k->far_side;
     _Alignas(64) float rgb[4][PELL_LANES], far_side_light[4][PELL_LANES];
     int32_t back[PELL_LANES];
 
@@ -332,17 +332,17 @@ static void shade_side(const struct job *job, struct packet *k)
     pell_prepare_inside(job, k, &gains, &inside);
     if (k->lit_by_device)
         pell_read_lights(job, k);
-    if (k->passed && k->lanes.any_deep)
+    if (k->transmission_by_device && k->lanes.any_transmits)
         pell_read_transmitted(job, k);
     for (size_t j = 0; j < job->lights->num_sources; j++)
-        if (job->lights->sources[j].environment < 0 && pell_light_counts(job, job->lights->sources[j].light))
+        if (job->lights->sources[j].environment < 0 && pell_irradiance_requests(job->p, job->lights->sources[j].light))
             add_light(job, &job->lights->sources[j], k, &k->sums, NULL);
     add_environments(job, k);
     if (job->p->indirect && (job->p->lights == 0 || (job->p->lights & PELL_LIGHT_INDIRECT)))
         add_indirect(job, k);
     if (job->p->curvature)
         pell_scale_lanes(job, &gains, k);
-    if (job->p->through)
+    if (job->p->solid_light)
         pell_add_inside(job, &inside, k);
 }
 
@@ -363,7 +363,7 @@ static void shade_far_side(const struct job *job, struct packet *k)
             k->sums.transmitted[c][i] = l->valid[i] ? b.sums.irradiance[c][i] : k->sums.transmitted[c][i];
 }
 
-/* Marks emissive pixels: their specular light includes emission, so no shadowed fraction is known. */
+/* Marks emissive pixels: their specular light includes emission, so its occluded fraction is not known. */
 static void exclude_emissive(const struct job *job, struct packet *k)
 {
     float *const *emissive = job->p->surface->emissive;
@@ -375,8 +375,8 @@ static void exclude_emissive(const struct job *job, struct packet *k)
     }
 }
 
-/* Leaves to the method what its blur smooths. */
-static void share_lost(const struct job *job, struct packet *k)
+/* Reduces the occluded irradiance by what the method's blur smooths anyway. */
+static void scale_lost(const struct job *job, struct packet *k)
 {
     for (int i = 0; i < k->count; i++) {
         const float pixel_mm = pell_view_pixel_mm(job->p->view, job->p->surface->depth[k->index[i]]);
@@ -389,7 +389,7 @@ static void shade_packet(const struct job *job, struct packet *k)
 {
     shade_side(job, k);
     if (job->p->shared && job->p->radius)
-        share_lost(job, k);
+        scale_lost(job, k);
     if (job->p->shared && job->p->surface->any_emissive)
         exclude_emissive(job, k);
     if (k->lanes.any_thin)
@@ -444,7 +444,7 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
 /* The light of a tile's pixels, before it is copied to the planes in whole cache lines. Writing each packet directly to the planes would
  * take longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
 struct tile {
-    _Alignas(64) float planes[PLANES][3][TILE_H * TILE_W]; /* irradiance, through, specular, single, hidden, lost */
+    _Alignas(64) float planes[PLANES][3][TILE_H * TILE_W]; /* irradiance, transmitted, specular, single, hidden, lost */
     float path[TILE_H * TILE_W];
 };
 
@@ -525,7 +525,7 @@ static PELL_FETCHING void shade_tile(void *arg, int index, int worker)
     k.cached_material = -1;
     k.far_side = false;
     k.lit_by_device = job->slots != NULL;
-    k.passed = job->passed;
+    k.transmission_by_device = job->transmission_by_device;
     list_pixels(job, x0, y0, &list);
     if (list.count == 0)
         return;
@@ -576,7 +576,7 @@ static struct job make_points_job(const struct pell_lights *lights, const struct
 {
     struct job job = make_job(lights, params, out);
 
-    job.entering = true;
+    job.entering_only = true;
     return job;
 }
 
@@ -626,7 +626,7 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     if (!fill_points(&job, &k, at))
         return;
     k.lit_by_device = params->device != NULL;
-    k.passed = false; /* and points receive no transmission */
+    k.transmission_by_device = false; /* and points receive no transmission */
     k.slot = k.lit_by_device ? at->slot + at->sample * pell_packet_points(&k) : 0;
     shade_packet(&job, &k);
     job.kernels->store(&job.tables, &k.lanes, &k.sums, k.index, k.count, out);
@@ -643,12 +643,12 @@ static enum pell_result render_on_device(struct pell_pool *pool, struct job *job
     struct pell_light_device *d = job->p->device;
     const struct pell_light_run run = { .params = job->p, .highlights = true };
     enum pell_result res = pell_light_device_set_thickness(d, job->p);
-    const int most = (int) (pell_light_device_room(d) / (TILE_W * TILE_H * (job->p->surface->any_thin ? 2 : 1)));
+    const int per_batch = (int) (pell_light_device_room(d) / (TILE_W * TILE_H * (job->p->surface->any_thin ? 2 : 1)));
 
-    job->passed = !pell_light_device_refuses_transmission(d);
+    job->transmission_by_device = !pell_light_device_refuses_transmission(d);
     job->slots = pell_light_device_slots(d);
-    for (; job->first_tile < tiles && res == PELL_OK; job->first_tile += most) {
-        const int count = tiles - job->first_tile < most ? tiles - job->first_tile : most;
+    for (; job->first_tile < tiles && res == PELL_OK; job->first_tile += per_batch) {
+        const int count = tiles - job->first_tile < per_batch ? tiles - job->first_tile : per_batch;
         pell_light_device_begin(d);
         pell_pool_run(pool, count, send_tile, job);
         if (pell_cancelled(job->lights->ctx))

@@ -59,7 +59,7 @@ static const struct pell_thickness_table *table_of(const struct pell_light_devic
     return t && t->max_mm > 0.0f ? t : NULL;
 }
 
-/* Writes a slab's table without the forward-scattered light of clear media, which is directional. */
+/* Writes a slab's table without forward-scattered light, which is directional. */
 static void slab_of_lights(const struct pell_thickness_table *t, const struct pell_indirect_forward *forward, float *out)
 {
     for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
@@ -100,7 +100,7 @@ enum pell_result pell_light_device_set_thickness(struct pell_light_device *d, co
         memcpy(values, t->value, sizeof(t->value));
         memcpy(values + TABLE / 4, t->slab, sizeof(t->slab));
         memcpy(values + 2 * (TABLE / 4), t->spread, sizeof(t->spread));
-        slab_of_lights(t, p->through ? pell_indirect_forward(p->through, i) : NULL, values + 3 * (TABLE / 4));
+        slab_of_lights(t, p->solid_light ? pell_indirect_forward(p->solid_light, i) : NULL, values + 3 * (TABLE / 4));
         values += TABLE;
     }
     d->thickness_new = true;
@@ -173,7 +173,7 @@ static void fill_materials(const struct pell_light_device *d, const struct pell_
             .enter_slope = rgb4(angle ? angle->enter_slope : none),
             .pass_base = rgb4(angle ? angle->pass_base : one),
             .pass_slope = rgb4(angle ? angle->pass_slope : none),
-            .pass_thick = rgb4(angle ? angle->pass_thick : none),
+            .pass_per_mm = rgb4(angle ? angle->pass_per_mm : none),
             .single_albedo = rgb4(separate ? separate->albedo : none),
             .single_g = rgb4(separate ? separate->g : none),
         };
@@ -204,11 +204,6 @@ uint32_t pell_light_device_claim(struct pell_light_device *d, uint32_t points)
     return atomic_fetch_add_explicit(&d->used, points, memory_order_relaxed);
 }
 
-static bool is_asked(const struct pell_irradiance_params *p, int light)
-{
-    return p->lights == 0 || (p->lights & pell_light_bit((size_t) light));
-}
-
 /* Selects the samples and lights of the next slice; `most` of them, or more of a single light, continued over slices. Returns false if
  * none are left. */
 static bool next_slice(const struct pell_light_device *d, const struct pell_irradiance_params *p, uint32_t most, struct pell_lit_push *push)
@@ -222,7 +217,7 @@ static bool next_slice(const struct pell_light_device *d, const struct pell_irra
         push->flags ^= PELL_LIT_PAUSE | PELL_LIT_RESUME;
         push->first = push->last;
     } else {
-        while (at < lights && !is_asked(p, d->sorted[at].light))
+        while (at < lights && !pell_irradiance_requests(p, d->sorted[at].light))
             at++;
         if (at == lights)
             return false;
@@ -246,7 +241,7 @@ static void run_pass(struct pell_light_device *d, const struct pell_irradiance_p
     uint32_t sky = 0;
 
     for (size_t e = 0; e < d->lights->num_environments; e++)
-        sky = is_asked(p, d->lights->environments[e].light) ? push.ambient_samples : sky;
+        sky = pell_irradiance_requests(p, d->lights->environments[e].light) ? push.ambient_samples : sky;
     push.flags |= PELL_LIT_START;
     do {
         push.sky_end = push.sky + most < sky ? push.sky + most : sky;
@@ -258,7 +253,7 @@ static void run_pass(struct pell_light_device *d, const struct pell_irradiance_p
         pell_gpu_run(commands, pass, &push, groups, 1, 1);
 }
 
-/* Of `count` points. */
+/* Push constants for `count` points. */
 static struct pell_lit_push make_push(const struct pell_light_device *d, const struct pell_light_run *run, size_t count)
 {
     const struct pell_irradiance_params *p = run->params;
@@ -266,11 +261,11 @@ static struct pell_lit_push make_push(const struct pell_light_device *d, const s
     const bool through = d->through && p->thickness;
     const uint32_t words =
         (uint32_t) (1 + PELL_LIT_HIGHLIGHT_WORDS * run->highlights + (p->separate != NULL) + 2 * lights->num_environments);
-    const uint32_t shine = PELL_LIT_SHINE_WORDS * light_device_has_state(d);
+    const uint32_t state = PELL_LIT_HIGHLIGHT_STATE_WORDS * light_device_has_state(d);
 
     return (struct pell_lit_push) {
         .count = (uint32_t) count,
-        .results = words + shine + PELL_LIT_THROUGH_WORDS * through,
+        .results = words + state + PELL_LIT_THROUGH_WORDS * through,
         .environments = (uint32_t) lights->num_environments,
         .low = (uint32_t) p->lights,
         .high = (uint32_t) (p->lights >> 32),
@@ -279,8 +274,8 @@ static struct pell_lit_push make_push(const struct pell_light_device *d, const s
         .light_bits = lights->light_bits,
         .ambient_bits = lights->ambient_bits,
         .parts = (uint32_t) lights->num_parts,
-        .shine = words,
-        .through = words + shine,
+        .highlight_state = words,
+        .through = words + state,
     };
 }
 

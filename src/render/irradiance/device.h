@@ -30,7 +30,7 @@ void pell_light_device_drop_scene(struct pell_light_device *d);
 PELL_NODISCARD enum pell_result pell_light_device_set_lights(struct pell_light_device *d, const struct pell_lights *lights,
                                                              const struct pell_specular_tables *tables);
 void pell_light_device_drop_lights(struct pell_light_device *d);
-/* Makes room for batches of at least so many points, or of the largest useful size. */
+/* Reserves buffers for batches of so many points, within limits. */
 PELL_NODISCARD enum pell_result pell_light_device_reserve(struct pell_light_device *d, size_t points);
 
 /* Returns why the CPU computes direct light, as named in a row of the timings; NULL: the device does. A constant. */

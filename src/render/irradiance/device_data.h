@@ -20,7 +20,7 @@
 
 #include "shared/light_data.h"
 
-/* Of a push. */
+/* Flags of struct pell_lit_push. */
 #define PELL_LIT_HIGHLIGHTS 1u
 #define PELL_LIT_SINGLE 2u
 #define PELL_LIT_START 4u  /* the first slice: results are not initialized */
@@ -29,15 +29,15 @@
 
 #define PELL_LIT_SLICE 16  /* samples of a slice of direct.comp, */
 #define PELL_LIT_THROUGH 8 /* and of transmission.comp, which traces more rays per sample */
-#define PELL_LIT_SHINE_WORDS 2
+#define PELL_LIT_HIGHLIGHT_STATE_WORDS 2
 #define PELL_LIT_THROUGH_WORDS 3
 
-/* Flags of a point: trace the visibility of the environment's smooth part; trace straight transmission; the camera sees the point. */
-#define PELL_LIT_AMBIENT 1u
-#define PELL_LIT_STRAIGHT 2u
-#define PELL_LIT_SEEN 4u
-#define PELL_LIT_TOGETHER 0xc0000000u /* pell_lights.together, for a pixel */
+/* Flags of a point. */
+#define PELL_LIT_AMBIENT 1u           /* trace the visibility of the environment's smooth part */
+#define PELL_LIT_STRAIGHT 2u          /* trace straight transmission */
+#define PELL_LIT_SEEN 4u              /* the camera sees the point */
 #define PELL_LIT_BACK 8u              /* on the side from which the triangle's corners run clockwise */
+#define PELL_LIT_TOGETHER 0xc0000000u /* pell_lights.together, for a pixel */
 #define PELL_LIT_STRAIGHT_LEAST 1e-4f /* fraction of transmitted light above which rays are traced: more than rounding errors of 0 */
 /* Flags of a light, in addition to those of light_data.h: its index among `turns` lights that alternate over multisamples; powers of 2. */
 #define PELL_LIT_TURN_AT 8
@@ -66,7 +66,7 @@ struct pell_lit_point {
     PELL_VEC4 tint;                      /* w: shift, green */
     PELL_VEC4 f0;                        /* w: shift, blue */
     uint32_t hash0, hash1, curve, first; /* seeds of sample patterns: struct pell_lanes */
-    uint32_t material, flags;            /* scene material; PELL_LIT_AMBIENT, PELL_LIT_STRAIGHT */
+    uint32_t material, flags;            /* material: of the scene */
     uint32_t sample_index;               /* of the multisample */
     float slope_variance;                /* of struct pell_surface */
 };
@@ -76,13 +76,13 @@ struct pell_lit_material {
     float fd;           /* F0 of the dielectric */
     int32_t model;      /* of the lobe */
     int32_t smooth_at;  /* offset of its boundary's table, in floats; -1: rough */
-    float inverse_eta2; /* of `enter` */
+    float inverse_eta2; /* of enter_base, enter_slope, pass_base and pass_slope */
     float single_eta2;
     int32_t thickness_at; /* offset of its thickness table, in floats; -1: no transmission */
     float thickest;       /* mm: largest path length with transmission */
     int32_t opaque;
     PELL_VEC4 enter_base, enter_slope; /* see render/angle.h */
-    PELL_VEC4 pass_base, pass_slope, pass_thick;
+    PELL_VEC4 pass_base, pass_slope, pass_per_mm;
     PELL_VEC4 single_albedo, single_g; /* see render/single.h */
 };
 
@@ -106,11 +106,11 @@ struct pell_lit_push {
     uint32_t low, high; /* mask of requested lights, as in struct pell_points_params; 0: all */
     uint32_t flags;
     uint32_t ambient_samples;
-    int32_t light_bits, ambient_bits; /* bits of a light's sample count per frame, and of the environment's */
-    uint32_t parts;                   /* of pell_lights.parts */
-    uint32_t shine, through;          /* offsets of the highlight's state and of transmission in a point's words */
-    uint32_t sky, sky_end;            /* in the slice: samples of the environment; lights, and samples of each */
-    uint32_t light, light_end, first, last;
+    int32_t light_bits, ambient_bits;       /* bits of a light's sample count per frame, and of the environment's */
+    uint32_t parts;                         /* of pell_lights.parts */
+    uint32_t highlight_state, through;      /* offsets of the highlight's state and of transmission in a point's words */
+    uint32_t sky, sky_end;                  /* in the slice: samples of the environment, */
+    uint32_t light, light_end, first, last; /* lights, and samples of each */
 };
 
 #endif

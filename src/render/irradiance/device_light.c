@@ -3,13 +3,11 @@
 #include "render/irradiance/device.h"
 #include "render/irradiance/internal.h"
 
-#include <string.h>
-
 /* Writes 16 points; lanes without a point get no material. */
 static void write_points(const struct job *job, const struct packet *k, uint32_t sample_index, struct pell_lit_point *out)
 {
     const struct pell_lanes *l = &k->lanes;
-    const bool needs_ambient = pell_any_environment(job) && (k->far_side || !(job->entering && job->p->ambient));
+    const bool needs_ambient = pell_any_environment(job) && (k->far_side || !(job->entering_only && job->p->ambient));
 
     for (int i = 0; i < PELL_LANES; i++) {
         struct pell_lit_point point = {
@@ -25,7 +23,7 @@ static void write_points(const struct job *job, const struct packet *k, uint32_t
             .first = l->first[i],
             .material = l->valid[i] ? k->material[i] : PELL_LIT_NONE,
             .flags = (needs_ambient ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->far_side ? PELL_LIT_STRAIGHT : 0u) |
-                     (job->entering ? 0u : PELL_LIT_SEEN) | ~l->pattern_mask,
+                     (job->entering_only ? 0u : PELL_LIT_SEEN) | ~l->pattern_mask,
             .sample_index = sample_index,
             .slope_variance = l->slope_variance[i],
         };
@@ -54,10 +52,7 @@ uint32_t pell_send_packet(const struct job *job, struct packet *k, int samples)
 
 static float as_float(uint32_t word)
 {
-    float x;
-
-    memcpy(&x, &word, sizeof(x));
-    return x;
+    return pell_bits_float((int32_t) word);
 }
 
 static void add_rgb(const uint32_t *word, int i, float sum[3][PELL_LANES])
@@ -80,7 +75,7 @@ void pell_read_lights(const struct job *job, struct packet *k)
             continue;
         add_rgb(words_at(job, k, i, 0), i, k->sums.irradiance);
         k->device_rays += words_at(job, k, i, 0)[3];
-        if (!job->entering) {
+        if (!job->entering_only) {
             if (shows_highlights(job, k)) {
                 add_rgb(words_at(job, k, i, at), i, k->sums.specular);
                 add_rgb(words_at(job, k, i, at + 1), i, k->sums.hidden);
@@ -95,8 +90,8 @@ void pell_read_lights(const struct job *job, struct packet *k)
 
 void pell_read_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums)
 {
-    const size_t at = 1 + PELL_LIT_HIGHLIGHT_WORDS * (size_t) !job->entering + (size_t) (job->p->separate != NULL) + 2 * e;
-    const bool known = job->entering && job->p->ambient && !k->far_side;
+    const size_t at = 1 + PELL_LIT_HIGHLIGHT_WORDS * (size_t) !job->entering_only + (size_t) (job->p->separate != NULL) + 2 * e;
+    const bool known = job->entering_only && job->p->ambient && !k->far_side;
 
     for (int i = 0; i < k->count; i++) {
         k->ambient[i] = known ? k->ambient[i] : 0.0f;
@@ -112,7 +107,7 @@ void pell_read_environment(const struct job *job, struct packet *k, size_t e, st
 /* Whether the device computed straight transmission at lane i. */
 static bool has_straight(const struct packet *k, int i)
 {
-    return !k->far_side && k->lanes.valid[i] & k->lanes.deep[i] & k->straight[i];
+    return !k->far_side && k->lanes.valid[i] & k->lanes.transmits[i] & k->straight[i];
 }
 
 void pell_read_transmitted(const struct job *job, struct packet *k)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * device_state.h - what the files of device.h share. Private to them. */
+ * device_state.h - state shared by the files that implement device.h. Private to them. */
 #ifndef PELL_IRRADIANCE_DEVICE_STATE_H
 #define PELL_IRRADIANCE_DEVICE_STATE_H
 

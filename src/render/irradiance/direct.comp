@@ -16,28 +16,28 @@ struct Sums {
     uint rays;
 };
 
-void give(uint at, vec3 rgb, uint word)
+void store_result(uint at, vec3 rgb, uint word)
 {
     results[at] = uvec4(floatBitsToUint(rgb), word);
 }
 
-void add(uint at, vec3 rgb, uint word)
+void add_result(uint at, vec3 rgb, uint word)
 {
-    give(at, uintBitsToFloat(results[at].rgb) + rgb, results[at].a + word);
+    store_result(at, uintBitsToFloat(results[at].rgb) + rgb, results[at].a + word);
 }
 
 // State of the light's highlight from earlier slices.
-void resume(uint at, inout Shine highlight)
+void resume(uint at, inout Highlight highlight)
 {
     highlight.visible = uintBitsToFloat(results[at].rgb);
     highlight.occluded = uintBitsToFloat(results[at + 1u].rgb);
 }
 
 // Adds the slice's samples of a light. `state`: in the results.
-void shine(pell_light_data light, Point p, uint state, inout Sums sums)
+void add_light(pell_light_data light, Point p, uint state, inout Sums sums)
 {
     const bool highlights = p.highlights && light.environment < 0;
-    Shine highlight = begin_highlight(light, p);
+    Highlight highlight = begin_highlight(light, p);
     vec3 unused = vec3(0.0);
 
     if (highlights && (pc.flags & PELL_LIT_RESUME) != 0u)
@@ -53,7 +53,7 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
             sums.rays++;
             if (visible)
                 add_front(p, a, sums.irradiance, sums.single);
-            else if (highlights && is_flat(light))
+            else if (highlights && is_area_light(light))
                 add_front(p, a, sums.lost, unused);
             if (highlights)
                 add_highlight(light, p, a, visible, highlight);
@@ -62,8 +62,8 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
             sums.unshadowed += min(a.intensity * (a.falloff * transmittance(p, max(a.nl, 0.0)) * max(a.nl, 0.0)), vec3(BIG));
     }
     if (highlights && (pc.flags & PELL_LIT_PAUSE) != 0u) {
-        give(state, highlight.visible, 0u);
-        give(state + 1u, highlight.occluded, 0u);
+        store_result(state, highlight.visible, 0u);
+        store_result(state + 1u, highlight.occluded, 0u);
     } else if (highlights)
         end_highlight(light, p, highlight, sums.specular, sums.hidden, sums.rays);
 }
@@ -71,9 +71,9 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
 // Adds the lights of environment e to its words; lights of no environment to the first words.
 void add_entered(uint first, uint env, int e, inout Sums sums)
 {
-    add(e < 0 ? first : env + 2u * uint(e), sums.irradiance, 0u);
+    add_result(e < 0 ? first : env + 2u * uint(e), sums.irradiance, 0u);
     if (e >= 0)
-        add(env + 2u * uint(e) + 1u, sums.unshadowed, 0u);
+        add_result(env + 2u * uint(e) + 1u, sums.unshadowed, 0u);
     sums.irradiance = sums.unshadowed = vec3(0.0);
 }
 
@@ -90,29 +90,29 @@ void main()
     int e = -1;
 
     if ((pc.flags & PELL_LIT_START) != 0u)
-        for (uint k = 0u; k < pc.shine; k++)
+        for (uint k = 0u; k < pc.highlight_state; k++)
             results[first + k] = uvec4(0u);
     if (pc.sky_end > pc.sky && (points[i].flags & PELL_LIT_AMBIENT) != 0u) {
         const uint unoccluded = count_unoccluded(p.origin, p.geometric, p.sample_index, pattern_at(i, pc.ambient_bits, PELL_AMBIENT_SALT));
         sums.rays = pc.sky_end - pc.sky;
         for (uint k = 0u; k < pc.environments; k++)
-            add(env + 2u * k, vec3(0.0), unoccluded);
+            add_result(env + 2u * k, vec3(0.0), unoccluded);
     }
     for (uint light = pc.light; light < pc.light_end; light++) {
-        if (!counts(lights[light].light))
+        if (!is_requested(lights[light].light))
             continue;
         if (lights[light].environment != e)
             add_entered(first, env, e, sums);
         e = lights[light].environment;
-        shine(lights[light], p, first + pc.shine, sums);
+        add_light(lights[light], p, first + pc.highlight_state, sums);
     }
     add_entered(first, env, e, sums);
-    add(first, vec3(0.0), sums.rays);
+    add_result(first, vec3(0.0), sums.rays);
     if (highlights) {
-        add(first + 1u, sums.specular, 0u);
-        add(first + 2u, sums.hidden, 0u);
-        add(first + 3u, sums.lost, 0u);
+        add_result(first + 1u, sums.specular, 0u);
+        add_result(first + 2u, sums.hidden, 0u);
+        add_result(first + 3u, sums.lost, 0u);
     }
     if (single)
-        add(after, sums.single, 0u);
+        add_result(after, sums.single, 0u);
 }

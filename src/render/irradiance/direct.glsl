@@ -67,7 +67,7 @@ struct Aim {
     vec3 direction; // unit, to the light
     vec3 end;       // sample position; unused for directional lights
     vec3 intensity; // irradiance on a facing surface = intensity falloff
-    float falloff, spread, gl, nl;
+    float falloff, solid_angle, gl, nl;
     float distance; // mm; unused for directional lights
     bool wide;      // samples are by solid angle
     uvec2 at; // for rect and disc lights: position on the light, as fractions of 2^32
@@ -81,7 +81,7 @@ void basis_of(vec3 n, out vec3 t, out vec3 b)
     b = vec3(c, side + n.y * n.y * a, -n.y);
 }
 
-bool is_flat(pell_light_data light)
+bool is_area_light(pell_light_data light)
 {
     return light.type == PELL_LIGHT_DATA_RECT || light.type == PELL_LIGHT_DATA_DISC;
 }
@@ -147,10 +147,10 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
         if (light.environment >= 0)
             a.direction = -normalize(on_rectangle(d, light, uvec2(u, v) ^ (p.pattern & ~(points[p.at].flags & PELL_LIT_TOGETHER))));
         a.falloff = 1.0;
-        a.spread = 0.0;
+        a.solid_angle = 0.0;
         a.intensity = light.power.rgb;
     } else {
-        if (is_flat(light)) {
+        if (is_area_light(light)) {
             a.end = face_at(light, a.at);
             wide = sample_wide(light, p.position, a.at, a.end);
         }
@@ -160,16 +160,16 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
         a.direction = to * (1.0 / distance);
         a.falloff = pell_light_falloff(distance, light.position.w, light.direction.w);
         const float back = -dot(d, a.direction), cosine = max(back, 0.0);
-        const float w = is_flat(light)                           ? cosine
-                        : light.type == PELL_LIGHT_DATA_SPOT     ? pell_light_cone(back, light.spot_scale, light.spot_offset)
-                                                                 : 1.0;
+        const float w = is_area_light(light)                 ? cosine
+                        : light.type == PELL_LIGHT_DATA_SPOT ? pell_light_cone(back, light.spot_scale, light.spot_offset)
+                                                             : 1.0;
         a.intensity = light.power.rgb * w;
-        a.spread = light.power.w * cosine / (distance * distance);
+        a.solid_angle = light.power.w * cosine / (distance * distance);
         if (wide != 0.0) {
             a.wide = true;
             a.falloff = 1.0;
-            a.spread = max(wide, 0.0);
-            a.intensity = light.power.rgb / light.power.w * a.spread;
+            a.solid_angle = max(wide, 0.0);
+            a.intensity = light.power.rgb / light.power.w * a.solid_angle;
         }
     }
     a.gl = dot(p.geometric, a.direction);
@@ -206,7 +206,7 @@ bool project_image(pell_light_data light, Point p, inout Aim a)
 
     if (light.image < 0)
         return true;
-    if (is_flat(light)) {
+    if (is_area_light(light)) {
         const vec3 d = a.end - light.position.xyz;
         x = -0.5 * dot(d, right) / dot(right, right); // not mirrored when seen from the front
         y = 0.5 * dot(d, up) / dot(up, up);
@@ -235,13 +235,13 @@ vec3 scattered_once(Point p, Aim a, float facing, float transmitted)
     const vec3 view = points[p.at].view.xyz;
     const float eta2 = materials[p.material].single_eta2, nl = pell_saturate(a.nl), nv = pell_saturate(dot(p.normal, view));
     const float into = pell_single_cosine(eta2, nl), out_of = pell_single_cosine(eta2, nv);
-    const float turn = pell_single_phase_cosine(eta2, dot(a.direction, view), nl, nv, into, out_of);
+    const float cosine = pell_single_phase_cosine(eta2, dot(a.direction, view), nl, nv, into, out_of);
     vec3 sum = vec3(0.0);
 
     for (int c = 0; c < 3; c++) {
         const float albedo = materials[p.material].single_albedo[c], g = materials[p.material].single_g[c];
         if (albedo > 0.0)
-            sum[c] = min(a.intensity[c] * a.falloff * transmitted * facing * pell_single_radiance(albedo, g, turn, into, out_of), BIG);
+            sum[c] = min(a.intensity[c] * a.falloff * transmitted * facing * pell_single_radiance(albedo, g, cosine, into, out_of), BIG);
     }
     return sum;
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * gloss.c - highlights of area and point lights. Compiled once per SIMD level; plain loops over 16 lanes. The points on a light that shadow
- * rays are sent to, and where the lobe is narrow directions of the lobe, which have rays where they hit the light.
+ * gloss.c - highlights of area and point lights. Compiled once per SIMD level; plain loops over 16 lanes. Samples are the points on a light
+ * that shadow rays are sent to and, where the lobe is narrow, directions of the lobe, which are traced if they hit the light.
  */
 #include "render/irradiance/lanes.h"
 
@@ -10,7 +10,7 @@
 
 #include <string.h>
 
-/* mm^2 */
+/* Area of the light, mm^2. */
 static float face_area(const struct pell_light_data *light)
 {
     const struct pell_vec4 r = light->right, s = light->up;
@@ -22,7 +22,7 @@ static float face_area(const struct pell_light_data *light)
 #define HAS(lanes, MODEL) ((lanes)->models & 1u << PELL_SPECULAR_##MODEL)
 
 /* Lobe value, Schlick's weight and sampling density of a direction, by lane. */
-static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N], const float *restrict spread, float *restrict shape,
+static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N], const float *restrict solid_angle, float *restrict shape,
                        float *restrict fresnel, float *restrict density)
 {
     _Alignas(64) float sin2[N], nl[N], nh[N], hh[N], nv[N], width2[N];
@@ -41,7 +41,7 @@ static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N],
         /* A few samples of a large light in a narrow lobe would be noisy: each represents a patch of solid angle w, or w/(4 h.v) among
          * the half vectors, and the lobe is widened by that patch: the variance of a square along a side is 1/12 of its area, and that
          * of a lobe half of its squared width. */
-        width2[i] = p->width2[i] + spread[i] * (1.0f / 24.0f) / vh;
+        width2[i] = p->width2[i] + solid_angle[i] * (1.0f / 24.0f) / vh;
         fresnel[i] = pell_schlick_weight(vh);
         density[i] = pell_half_vector_density(p->width2[i], sin2[i], nh[i], hh[i]);
     }
@@ -98,11 +98,11 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
                                    const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
                                    const int32_t *restrict visible, struct pell_gloss *restrict gloss)
 {
-    const int num_points = pell_light_has_face(light) ? PELL_GLOSS_POINTS : 1;
-    _Alignas(64) float shape[N], fresnel[N], density[N], spread[N], f0_sum[N] = { 0 }, f90_sum[N] = { 0 }, l[3][N], cosine[N];
+    const int num_points = pell_light_is_area(light) ? PELL_GLOSS_POINTS : 1;
+    _Alignas(64) float shape[N], fresnel[N], density[N], solid_angle[N], f0_sum[N] = { 0 }, f90_sum[N] = { 0 }, l[3][N], cosine[N];
 
     for (int i = 0; i < N; i++)
-        spread[i] = gloss->odds[i] > 0.0f ? 0.0f : a->spread[i] * (1.0f / PELL_GLOSS_POINTS);
+        solid_angle[i] = gloss->odds[i] > 0.0f ? 0.0f : a->solid_angle[i] * (1.0f / PELL_GLOSS_POINTS);
     memcpy(l[0], a->lx, sizeof(a->lx));
     memcpy(l[1], a->ly, sizeof(a->ly));
     memcpy(l[2], a->lz, sizeof(a->lz));
@@ -110,7 +110,7 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
     for (int j = 0; j < num_points; j++) {
         if (j > 0)
             aim_within(light, p, a, (uint32_t) j, l, cosine);
-        shape_lobe(p, (const float(*)[N]) l, spread, shape, fresnel, density);
+        shape_lobe(p, (const float(*)[N]) l, solid_angle, shape, fresnel, density);
         for (int i = 0; i < N; i++) {
             const float w = cosine[i] > 0.0f ? shape[i] * cosine[i] : 0.0f, odds = gloss->odds[i];
             const float part = odds > 0.0f ? w * odds / (odds + density[i]) : w;
@@ -130,15 +130,15 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
 
 /* --- Sampling directions of the lobe -------------------------------------------------------------------------------------------------- */
 
-/* Direction `n` of the lobe. */
-static void draw(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
+/* Samples direction `n` of the lobe. */
+static void sample_direction(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
 {
     const uint32_t u = pell_sobol0(n), v = pell_sobol1(n);
 
     for (int i = 0; i < N; i++) {
         const float nx = p->nx[i], ny = p->ny[i], nz = p->nz[i], nv = nx * p->vx[i] + ny * p->vy[i] + nz * p->vz[i];
-        const float ax = p->vx[i] - nv * nx, ay = p->vy[i] - nv * ny, az = p->vz[i] - nv * nz, aslant = ax * ax + ay * ay + az * az;
-        const float inv = aslant > 1e-8f ? 1.0f / sqrtf(aslant) : 0.0f, side = copysignf(1.0f, nz), d = -1.0f / (side + nz);
+        const float ax = p->vx[i] - nv * nx, ay = p->vy[i] - nv * ny, az = p->vz[i] - nv * nz, tangential2 = ax * ax + ay * ay + az * az;
+        const float inv = tangential2 > 1e-8f ? 1.0f / sqrtf(tangential2) : 0.0f, side = copysignf(1.0f, nz), d = -1.0f / (side + nz);
         /* relative to the plane of incidence, so that a rotated scene has the same directions; vec3_basis at normal incidence */
         const float tx = inv > 0.0f ? ax * inv : 1.0f + side * nx * nx * d, ty = inv > 0.0f ? ay * inv : side * nx * ny * d;
         const float tz = inv > 0.0f ? az * inv : -side * nx;
@@ -164,13 +164,13 @@ static void intersect_light(const struct pell_light_data *restrict light, const 
 
     for (int i = 0; i < N; i++) {
         const float tx = p->px[i] - c.x, ty = p->py[i] - c.y, tz = p->pz[i] - c.z;
-        const float height = tx * d.x + ty * d.y + tz * d.z, fall = -(l[0][i] * d.x + l[1][i] * d.y + l[2][i] * d.z);
-        const float far = height / (fall > 1e-12f ? fall : 1e-12f);
-        const float qx = tx + far * l[0][i], qy = ty + far * l[1][i], qz = tz + far * l[2][i];
+        const float height = tx * d.x + ty * d.y + tz * d.z, cosine = -(l[0][i] * d.x + l[1][i] * d.y + l[2][i] * d.z);
+        const float t = height / (cosine > 1e-12f ? cosine : 1e-12f);
+        const float qx = tx + t * l[0][i], qy = ty + t * l[1][i], qz = tz + t * l[2][i];
         const float x = (qx * r.x + qy * r.y + qz * r.z) * per_r2, y = (qx * s.x + qy * s.y + qz * s.z) * per_s2;
         const float x2 = x * x, y2 = y * y, most = disc ? x2 + y2 : x2 > y2 ? x2 : y2;
-        hit[i] = height > 0.0f && fall > 1e-12f && most <= 1.0f ? pell_light_window(far * far, d.w) : 0.0f;
-        distance[i] = far;
+        hit[i] = height > 0.0f && cosine > 1e-12f && most <= 1.0f ? pell_light_window(t * t, d.w) : 0.0f;
+        distance[i] = t;
     }
 }
 
@@ -180,7 +180,7 @@ bool PELL_SIMD(pell_reflect)(const struct pell_light_data *light, const struct p
     _Alignas(64) float none[N] = { 0 }, l[3][N], density[N], hit[N], distance[N], shape[N], fresnel[N];
     int32_t any = 0;
 
-    draw(p, n, l);
+    sample_direction(p, n, l);
     intersect_light(light, p, (const float(*)[N]) l, hit, distance);
     shape_lobe(p, (const float(*)[N]) l, none, shape, fresnel, density);
     for (int i = 0; i < N; i++) {
@@ -188,8 +188,8 @@ bool PELL_SIMD(pell_reflect)(const struct pell_light_data *light, const struct p
         const float gl = p->gx[i] * l[0][i] + p->gy[i] * l[1][i] + p->gz[i] * l[2][i];
         const float mu = nl > 1e-6f ? nl : 1e-6f, w = hit[i] * shape[i] * pell_lane_facing(p, i, mu, gl) / (gloss->odds[i] + density[i]);
         const bool lit = gloss->odds[i] > 0.0f && nl > 0.0f && pell_lane_fronts(p, i, gl) && w > 0.0f;
-        gloss->direction[0][i] = lit ? w : 0.0f;
-        gloss->direction[1][i] = lit ? w * fresnel[i] : 0.0f;
+        gloss->direction_factor[0][i] = lit ? w : 0.0f;
+        gloss->direction_factor[1][i] = lit ? w * fresnel[i] : 0.0f;
         mask[i] = -(int32_t) lit;
         any |= mask[i];
     }
@@ -202,15 +202,15 @@ void PELL_SIMD(pell_reflected)(const int32_t *visible, struct pell_gloss *gloss)
 {
     for (int f = 0; f < 2; f++)
         for (int i = 0; i < N; i++) {
-            gloss->mirrored[f][i] += visible[i] ? gloss->direction[f][i] : 0.0f;
-            gloss->mirrored_occluded[f][i] += visible[i] ? 0.0f : gloss->direction[f][i];
+            gloss->mirrored[f][i] += visible[i] ? gloss->direction_factor[f][i] : 0.0f;
+            gloss->mirrored_occluded[f][i] += visible[i] ? 0.0f : gloss->direction_factor[f][i];
         }
 }
 
 void PELL_SIMD(pell_begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_gloss *gloss)
 {
     const int points = light->samples * PELL_GLOSS_POINTS, directions = pell_gloss_directions(light->samples);
-    const float area = pell_light_has_face(light) && light->image < 0 ? face_area(light) : 0.0f;
+    const float area = pell_light_is_area(light) && light->image < 0 ? face_area(light) : 0.0f;
 
     memset(gloss, 0, sizeof(*gloss));
     for (int i = 0; i < N && area > 0.0f; i++) {
@@ -223,7 +223,7 @@ void PELL_SIMD(pell_begin_highlights)(const struct pell_light_data *light, const
     }
 }
 
-/* The light of directions of the lobe from the sums of their factors; `per`: each direction's share of the light. */
+/* The highlight from the sums of the factors of the lobe's directions; `per`: factor from the light's power to radiance per direction. */
 static float mirrored(const struct pell_light_data *light, const struct pell_lanes *p, float per, const float sums[2][N], int c, int i)
 {
     const float power = c == 0 ? light->power.x : c == 1 ? light->power.y : light->power.z;
@@ -235,7 +235,7 @@ static float mirrored(const struct pell_light_data *light, const struct pell_lan
 void PELL_SIMD(pell_end_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, const struct pell_gloss *gloss,
                                     struct pell_sums *sums)
 {
-    const bool face = pell_light_has_face(light);
+    const bool face = pell_light_is_area(light);
     const float per = (float) light->samples / (face ? face_area(light) * (float) pell_gloss_directions(light->samples) : 1.0f);
 
     for (int c = 0; c < 3; c++)

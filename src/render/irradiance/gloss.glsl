@@ -3,7 +3,7 @@
 #include "shared/gloss.h"
 #include "shared/sampling.h"
 
-// Terms of a highlight.
+// View, colours and lobe at a point.
 struct Gloss {
     vec3 view, tint, f0;
     float nv, width2;
@@ -11,7 +11,7 @@ struct Gloss {
 };
 
 // The highlight of one light by visible and by occluded points on the light, with their MIS weights.
-struct Shine {
+struct Highlight {
     vec3 visible, occluded;
     float odds; // pell_gloss_odds
 };
@@ -37,11 +37,11 @@ float face_area(pell_light_data light)
 }
 
 // Lobe value, Schlick's weight and sampling density of a direction: x, y, z. The lobe is widened by the solid angle of a sample (gloss.c).
-vec3 shape_lobe(Gloss gloss, vec3 normal, vec3 l, float spread)
+vec3 shape_lobe(Gloss gloss, vec3 normal, vec3 l, float solid_angle)
 {
     const vec3 h = l + gloss.view, c = cross(normal, h);
     const float hh = max(dot(h, h), 1e-12), nl = max(dot(normal, l), 1e-6), nv = max(gloss.nv, 1e-4), nh = nl + nv, sin2 = dot(c, c);
-    const float vh = 0.5 * sqrt(hh), width2 = gloss.width2 + spread * (1.0 / 24.0) / vh, most = min(width2, 1.0);
+    const float vh = 0.5 * sqrt(hh), width2 = gloss.width2 + solid_angle * (1.0 / 24.0) / vh, most = min(width2, 1.0);
     const float shape = gloss.model == PELL_LOBE_GGX       ? pell_lobe_ggx(most, nl, nv, sin2, nh, hh)
                         : gloss.model == PELL_LOBE_KELEMEN ? pell_lobe_kelemen(width2, sin2, nh, hh)
                         : gloss.model == PELL_LOBE_PHONG   ? pell_lobe_phong(most, nl, nv, sin2)
@@ -49,31 +49,31 @@ vec3 shape_lobe(Gloss gloss, vec3 normal, vec3 l, float spread)
     return vec3(shape, pell_schlick_weight(vh), pell_half_vector_density(gloss.width2, sin2, nh, hh));
 }
 
-Shine begin_highlight(pell_light_data light, Point p)
+Highlight begin_highlight(pell_light_data light, Point p)
 {
     const vec3 to = p.position - light.position.xyz;
     const float height = dot(to, light.direction.xyz), d2 = max(dot(to, to), TINY);
-    Shine shine = Shine(vec3(0.0), vec3(0.0), 0.0);
+    Highlight highlight = Highlight(vec3(0.0), vec3(0.0), 0.0);
 
-    if (p.highlights && light.environment < 0 && light.image < 0 && is_flat(light) && height > 0.0) {
+    if (p.highlights && light.environment < 0 && light.image < 0 && is_area_light(light) && height > 0.0) {
         const Gloss gloss = gloss_of(p);
         if (gloss.model != PELL_LOBE_PHONG)
-            shine.odds = pell_gloss_odds(face_area(light) * height / (d2 * sqrt(d2)), gloss.width2, gloss.nv,
+            highlight.odds = pell_gloss_odds(face_area(light) * height / (d2 * sqrt(d2)), gloss.width2, gloss.nv,
                                          light.samples * PELL_GLOSS_POINTS, pell_gloss_directions(light.samples));
     }
-    return shine;
+    return highlight;
 }
 
 // Evaluates a sample's cell at more points than its shadow ray.
-void add_highlight(pell_light_data light, Point p, Aim a, bool visible, inout Shine shine)
+void add_highlight(pell_light_data light, Point p, Aim a, bool visible, inout Highlight highlight)
 {
-    const int num_points = is_flat(light) ? PELL_GLOSS_POINTS : 1;
+    const int num_points = is_area_light(light) ? PELL_GLOSS_POINTS : 1;
     const float mu = max(a.nl, 1e-6), facing = facing_at(p, a.gl, mu);
-    const float spread = shine.odds > 0.0 ? 0.0 : a.spread * (1.0 / float(PELL_GLOSS_POINTS));
+    const float solid_angle = highlight.odds > 0.0 ? 0.0 : a.solid_angle * (1.0 / float(PELL_GLOSS_POINTS));
     const Gloss gloss = gloss_of(p);
     vec2 sum = vec2(0.0); // factors of f0 and of 1 - f0
 
-    if (!(facing > 0.0) || !(visible || is_flat(light)))
+    if (!(facing > 0.0) || !(visible || is_area_light(light)))
         return;
     for (int j = 0; j < num_points; j++) {
         vec3 l = a.direction;
@@ -85,28 +85,28 @@ void add_highlight(pell_light_data light, Point p, Aim a, bool visible, inout Sh
             cosine = dot(p.normal, l);
         }
         if (cosine > 0.0) {
-            const vec3 lobe = shape_lobe(gloss, p.normal, l, spread);
+            const vec3 lobe = shape_lobe(gloss, p.normal, l, solid_angle);
             const vec2 add = lobe.x * cosine * vec2(1.0, lobe.y);
-            sum += shine.odds > 0.0 ? add * (shine.odds / (shine.odds + lobe.z)) : add;
+            sum += highlight.odds > 0.0 ? add * (highlight.odds / (highlight.odds + lobe.z)) : add;
         }
     }
     const vec3 w = facing / (float(num_points) * mu) * a.falloff * a.intensity * gloss.tint;
     const vec3 lit = min(w * (gloss.f0 * sum.x + (1.0 - gloss.f0) * sum.y), vec3(BIG));
-    shine.visible += visible ? lit : vec3(0.0);
-    shine.occluded += visible ? vec3(0.0) : lit;
+    highlight.visible += visible ? lit : vec3(0.0);
+    highlight.occluded += visible ? vec3(0.0) : lit;
 }
 
 // The light in a direction: the window of its range, 0 outside the light's area and behind it; and its distance.
-float intersect_light(pell_light_data light, vec3 position, vec3 l, out float far)
+float intersect_light(pell_light_data light, vec3 position, vec3 l, out float distance)
 {
     const vec3 to = position - light.position.xyz, r = light.right.xyz, s = light.up.xyz;
-    const float height = dot(to, light.direction.xyz), fall = -dot(l, light.direction.xyz);
-    far = height / max(fall, 1e-12);
-    const vec3 q = to + far * l;
+    const float height = dot(to, light.direction.xyz), cosine = -dot(l, light.direction.xyz);
+    distance = height / max(cosine, 1e-12);
+    const vec3 q = to + distance * l;
     const float x = dot(q, r) / dot(r, r), y = dot(q, s) / dot(s, s);
     const float most = light.type == PELL_LIGHT_DATA_DISC ? x * x + y * y : max(x * x, y * y);
 
-    return height > 0.0 && fall > 1e-12 && most <= 1.0 ? pell_light_window(far * far, light.direction.w) : 0.0;
+    return height > 0.0 && cosine > 1e-12 && most <= 1.0 ? pell_light_window(distance * distance, light.direction.w) : 0.0;
 }
 
 // Adds the directions of the lobe that hit the light.
@@ -115,14 +115,14 @@ void add_mirrored(pell_light_data light, Point p, float odds, inout vec3 specula
     const int count = pell_gloss_directions(light.samples);
     const vec3 n = p.normal;
     const Gloss gloss = gloss_of(p);
-    const vec3 aslant = gloss.view - dot(n, gloss.view) * n;
-    const float square = dot(aslant, aslant);
+    const vec3 tangential = gloss.view - dot(n, gloss.view) * n;
+    const float square = dot(tangential, tangential);
     vec3 t, b;
     vec2 visible = vec2(0.0), occluded = vec2(0.0); // factors of f0 and of 1 - f0
 
     basis_of(n, t, b);
     if (square > 1e-8) { // relative to the plane of incidence, so that a rotated scene has the same directions
-        t = aslant * (1.0 / sqrt(square));
+        t = tangential * (1.0 / sqrt(square));
         b = cross(n, t);
     }
     for (int j = 0; j < count; j++) {
@@ -132,15 +132,15 @@ void add_mirrored(pell_light_data light, Point p, float odds, inout vec3 specula
         const pell_half_vector drawn = pell_half_vector_at(gloss.width2, at.x, at.y);
         const vec3 h = drawn.x * t + drawn.y * b + drawn.z * n, l = 2.0 * dot(h, gloss.view) * h - gloss.view;
         const float nl = dot(n, l), gl = dot(p.geometric, l);
-        float far;
-        const float hit = intersect_light(light, p.position, l, far);
+        float distance;
+        const float hit = intersect_light(light, p.position, l, distance);
 
         if (hit > 0.0 && nl > 0.0 && (gl > 0.0 || p.lifted)) {
             const vec3 lobe = shape_lobe(gloss, n, l, 0.0);
             const vec2 add = hit * lobe.x * facing_at(p, gl, max(nl, 1e-6)) / (odds + lobe.z) * vec2(1.0, lobe.y);
             if (add.x > 0.0) {
                 rays++;
-                if (is_unoccluded(p.origin, l, 0.9999 * far))
+                if (is_unoccluded(p.origin, l, 0.9999 * distance))
                     visible += add;
                 else
                     occluded += add;
@@ -152,11 +152,11 @@ void add_mirrored(pell_light_data light, Point p, float odds, inout vec3 specula
     hidden += min(radiance * gloss.tint * (gloss.f0 * occluded.x + (1.0 - gloss.f0) * occluded.y), vec3(BIG));
 }
 
-// Adds the highlight once all samples of the light are in `shine`.
-void end_highlight(pell_light_data light, Point p, Shine shine, inout vec3 specular, inout vec3 hidden, inout uint rays)
+// Adds the highlight once all samples of the light are in `highlight`.
+void end_highlight(pell_light_data light, Point p, Highlight highlight, inout vec3 specular, inout vec3 hidden, inout uint rays)
 {
-    specular += shine.visible;
-    hidden += is_flat(light) ? shine.occluded : vec3(0.0);
-    if (shine.odds > 0.0)
-        add_mirrored(light, p, shine.odds, specular, hidden, rays);
+    specular += highlight.visible;
+    hidden += is_area_light(light) ? highlight.occluded : vec3(0.0);
+    if (highlight.odds > 0.0)
+        add_mirrored(light, p, highlight.odds, specular, hidden, rays);
 }

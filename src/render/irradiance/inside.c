@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
  * inside.c - effects of a solid's shape, and of the light inside it, on the light of a packet: gains of entering light, and transmission.
- *
  */
 #include "render/irradiance/internal.h"
 
@@ -31,7 +30,7 @@ static void add_beams(const struct job *job, const struct pell_indirect_insides 
         const float v[3] = { l->vx[i], l->vy[i], l->vz[i] }, n[3] = { l->nx[i], l->ny[i], l->nz[i] };
         if (!(q->spacing[i] > 0.0f))
             continue;
-        k->forward_model[i] = pell_indirect_forward(job->p->through, k->material[i]);
+        k->forward_model[i] = pell_indirect_forward(job->p->solid_light, k->material[i]);
         k->any_forward |= k->forward_model[i] != NULL;
         k->spacing[i] = q->spacing[i];
         pell_angle_inside(l->inverse_eta2[i], v, n, k->toward[i]);
@@ -52,7 +51,7 @@ void pell_prepare_inside(const struct job *job, struct packet *k, struct pell_ga
     }
     k->any_forward = false;
     memset(k->forward, 0, sizeof(k->forward));
-    if (job->p->curvature || job->p->through || job->p->indirect)
+    if (job->p->curvature || job->p->solid_light || job->p->indirect)
         pell_find_points(job, k);
     if (job->p->curvature) {
         struct pell_curvature_effects effects;
@@ -61,13 +60,13 @@ void pell_prepare_inside(const struct job *job, struct packet *k, struct pell_ga
         for (int i = 0; i < PELL_LANES; i++)
             k->flat[i] = pell_spread_path_fraction(effects.flat[i]);
     }
-    if (job->p->through) {
+    if (job->p->solid_light) {
         struct pell_indirect_insides found;
         for (int i = 0; i < PELL_LANES; i++)
             translucent[i] = k->far_side ? 0 : translucent[i];
-        pell_indirect_lookup16(job->p->through, &k->points, translucent, &found);
-        job->inside->apply_solids(job->p, &found, job->entering, &k->lanes, gains, inside, k->straight);
-        if (found.beams && !job->entering)
+        pell_indirect_lookup16(job->p->solid_light, &k->points, translucent, &found);
+        job->inside->apply_solids(job->p, &found, job->entering_only, &k->lanes, gains, inside, k->straight);
+        if (found.beams && !job->entering_only)
             add_beams(job, &found, k, inside);
     }
 }

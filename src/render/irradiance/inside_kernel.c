@@ -47,7 +47,7 @@ static void apply_curvature(const struct pell_irradiance_params *p, const struct
 static void replace_gains(const struct pell_irradiance_params *p, const float *restrict sum_weight, const float *restrict solved,
                           const float *restrict gain, const float *restrict between, float *restrict all)
 {
-    if (p->between)
+    if (p->between_faces)
         for (int i = 0; i < N; i++)
             all[i] += sum_weight[i] * (between[i] - all[i]);
     if (!p->whole_solid)
@@ -55,39 +55,39 @@ static void replace_gains(const struct pell_irradiance_params *p, const float *r
             all[i] = gain[i] + (1.0f - solved[i]) * all[i];
 }
 
-static void apply_solids(const struct pell_irradiance_params *p, const struct pell_indirect_insides *restrict q, bool entering,
+static void apply_solids(const struct pell_irradiance_params *p, const struct pell_indirect_insides *restrict q, bool entering_only,
                          const struct pell_lanes *restrict l, struct pell_gains *restrict gains, struct pell_inside *restrict in,
                          int32_t *restrict straight)
 {
-    _Alignas(64) float x[N], y[N], z[N], rest[N], bends[N];
+    _Alignas(64) float x[N], y[N], z[N], most_straight[N], gradient_scale[N];
 
     for (int i = 0; i < N; i++) { /* tangential component of the view direction */
         x[i] = l->vx[i] - l->nv[i] * l->nx[i];
         y[i] = l->vy[i] - l->nv[i] * l->ny[i];
         z[i] = l->vz[i] - l->nv[i] * l->nz[i];
-        bends[i] = pell_gradient_scale(l->inverse_eta2[i]);
-        rest[i] = 0.0f;
+        gradient_scale[i] = pell_gradient_scale(l->inverse_eta2[i]);
+        most_straight[i] = 0.0f;
     }
     for (int c = 0; c < 3; c++) {
         replace_gains(p, q->sum_weight[c], q->solved[c], q->gain[c], gains->between[c], gains->all[c]);
         for (int i = 0; i < N; i++) {
-            const float tilt_cosine = x[i] * q->tilt[c][0][i] + y[i] * q->tilt[c][1][i] + z[i] * q->tilt[c][2][i];
-            const float leaves = (1.0f + q->deep[c][i] * (l->pass[c][i] - 1.0f)) * pell_gradient_exit_by(bends[i], tilt_cosine);
+            const float lateral = x[i] * q->tilt[c][0][i] + y[i] * q->tilt[c][1][i] + z[i] * q->tilt[c][2][i];
+            const float exit_factor = (1.0f + q->deep[c][i] * (l->pass[c][i] - 1.0f)) * pell_gradient_exit_by(gradient_scale[i], lateral);
             const float kept = (1.0f - q->sum_weight[c][i]) * (1.0f - q->solved[c][i]);
-            in->transmitted[c][i] = leaves * q->transmitted[c][i];
-            in->light[c][i] = leaves * q->light[c][i];
-            rest[i] = larger(rest[i], kept);
+            in->transmitted[c][i] = exit_factor * q->transmitted[c][i];
+            in->light[c][i] = exit_factor * q->light[c][i];
+            most_straight[i] = larger(most_straight[i], kept);
         }
         memcpy(in->solved[c], q->solved[c], sizeof(in->solved[c]));
         memcpy(in->sum_weight[c], q->sum_weight[c], sizeof(in->sum_weight[c]));
     }
     memset(in->beam, 0, sizeof(in->beam));
-    if (entering) {
+    if (entering_only) {
         memset(in->transmitted, 0, sizeof(in->transmitted));
         memset(in->light, 0, sizeof(in->light));
     }
     for (int i = 0; i < N; i++)
-        straight[i] = -(int32_t) (rest[i] > PELL_LIT_STRAIGHT_LEAST);
+        straight[i] = -(int32_t) (most_straight[i] > PELL_LIT_STRAIGHT_LEAST);
 }
 
 static void scale_sums(const struct pell_gains *restrict gains, struct pell_sums *restrict sums)

@@ -18,7 +18,8 @@ struct pell_gains {
 /* Light inside the solids; 0 where it is unknown. */
 struct pell_inside {
     _Alignas(64) float sum_weight[3][16]; /* [0, 1]: weight of `transmitted`, as opposed to straight transmission by thickness */
-    float transmitted[3][16], solved[3][16], light[3][16], beam[3][16];
+    float transmitted[3][16], solved[3][16], light[3][16]; /* as in struct pell_indirect_inside, the light as it leaves toward the camera */
+    float beam[3][16];                                     /* forward-scattered light toward the camera */
 };
 
 struct pell_inside_kernels {
@@ -26,8 +27,8 @@ struct pell_inside_kernels {
     void (*apply_curvature)(const struct pell_irradiance_params *params, const struct pell_curvature_effects *effects,
                             struct pell_lanes *lanes, struct pell_gains *gains);
     /* Replaces the gains where light in the solid was solved, and marks the lanes whose transmitted light is found by straight rays.
-     * `entering`: transmitted light is not needed. */
-    void (*apply_solids)(const struct pell_irradiance_params *params, const struct pell_indirect_insides *found, bool entering,
+     * `entering_only`: transmitted light is not needed. */
+    void (*apply_solids)(const struct pell_irradiance_params *params, const struct pell_indirect_insides *found, bool entering_only,
                          const struct pell_lanes *lanes, struct pell_gains *gains, struct pell_inside *inside, int32_t *straight);
     void (*scale_sums)(const struct pell_gains *gains, struct pell_sums *sums);
     void (*add_transmitted)(const struct pell_inside *inside, struct pell_sums *sums);

@@ -18,12 +18,12 @@ struct job {
     const struct pell_sky_kernels *sky;
     struct pell_shade_tables tables;
     struct pell_lighting *out;
-    bool entering;         /* only entering light is required: no highlights */
+    bool entering_only;    /* only entering light is required: no highlights */
     struct pell_rect rect; /* in whole tiles */
     int columns;
-    int first_tile;  /* of the current batch */
-    uint32_t *slots; /* per packet of the batch: first of its points on the device, in order of tiles; NULL: no device */
-    bool passed;     /* the device computes transmission, too */
+    int first_tile;              /* of the current batch */
+    uint32_t *slots;             /* per packet of the batch: first of its points on the device, in order of tiles; NULL: no device */
+    bool transmission_by_device; /* the device computes transmission, too */
     _Atomic int64_t rays, device_rays, through_rays;
 };
 
@@ -45,34 +45,28 @@ struct packet {
     bool any_forward;
     int count;
     int64_t cached_material;                 /* material whose values all lanes hold; -1: none */
-    bool single;                             /* all lanes have one material */
+    bool one_material;                       /* all lanes have one material */
     bool textured;                           /* some lane's texture may colour entering light */
     bool far_side;                           /* for the far sides of thin sheets */
     bool lit_by_device;                      /* the device computed direct light, */
-    bool passed;                             /* and transmission */
+    bool transmission_by_device;             /* and transmission */
     uint32_t slot;                           /* slot of the first lane there */
     int64_t rays, device_rays, through_rays; /* on the CPU; on the device, for direct light and for transmission */
 };
-
-/* Whether the caller requires this light of the scene. */
-static inline bool pell_light_counts(const struct job *job, int light)
-{
-    return job->p->lights == 0 || (job->p->lights & pell_light_bit((size_t) light));
-}
 
 static inline bool pell_any_environment(const struct job *job)
 {
     bool any = false;
 
     for (size_t e = 0; e < job->lights->num_environments; e++)
-        any |= pell_light_counts(job, job->lights->environments[e].light);
+        any |= pell_irradiance_requests(job->p, job->lights->environments[e].light);
     return any;
 }
 
 /* Whether highlights are required. */
 static inline bool shows_highlights(const struct job *job, const struct packet *k)
 {
-    return !job->entering && !k->far_side;
+    return !job->entering_only && !k->far_side;
 }
 
 static inline float max0(float x)

@@ -28,7 +28,8 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
         a->gl[i] = gl;
         a->nl[i] = nl;
         a->front[i] = lit & -(int32_t) pell_lane_fronts(p, i, gl) & -(int32_t) (nl > 0.0f);
-        a->back[i] = lit & (p->deep[i] | p->clear[i]) & ~a->front[i]; /* by the triangle or the normal alone: near the terminator they
+        a->back[i] = lit & (p->transmits[i] | p->scatters_forward[i]) &
+                     ~a->front[i]; /* by the triangle or the normal alone: near the terminator they
                                                                        * differ */
         front |= a->front[i];
         back |= a->back[i];
@@ -70,15 +71,15 @@ static void aim_directional(const struct pell_light_data *restrict light, const 
     for (int i = 0; i < N; i++) {
         a->distance[i] = FLT_MAX;
         a->falloff[i] = 1.0f;
-        a->spread[i] = 0.0f;
+        a->solid_angle[i] = 0.0f;
         for (int c = 0; c < 3; c++)
             a->intensity[c][i] = power[c];
     }
 }
 
 /* Sets the sample positions: the centre of the light, or samples over an area light. */
-static void place_on_light(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
-                           struct pell_aim *restrict a)
+static void sample_light(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+                         struct pell_aim *restrict a)
 {
     const bool disc = light->type == PELL_LIGHT_DATA_DISC;
 
@@ -127,7 +128,7 @@ static bool make_wide(const struct pell_light_data *light, const float half[2], 
 
 /* Samples a wide light by solid angle; wide[i]: solid angle of the sample, sr, 0: sample by area, -1: no light there. For a disc,
  * samples of the bounding square that are outside the disc are dropped. */
-static void place_wide_samples(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_aim *a, float wide[N])
+static void sample_wide_light(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_aim *a, float wide[N])
 {
     const float half[2] = { vec3_length(vec3(light->right.x, light->right.y, light->right.z)),
                             vec3_length(vec3(light->up.x, light->up.y, light->up.z)) };
@@ -159,8 +160,8 @@ static void aim(const struct pell_light_data *restrict light, const struct pell_
 {
     const struct pell_vec4 d = light->direction;
     const float area = light->power.w, power[3] = { light->power.x, light->power.y, light->power.z };
-    const bool flat = light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
-    const float cone = light->type == PELL_LIGHT_DATA_SPOT ? 1.0f : 0.0f;
+    const bool has_area = pell_light_is_area(light);
+    const float is_spot = light->type == PELL_LIGHT_DATA_SPOT ? 1.0f : 0.0f;
     float wide[N];
 
     if (light->type == PELL_LIGHT_DATA_DIRECTIONAL) {
@@ -168,9 +169,9 @@ static void aim(const struct pell_light_data *restrict light, const struct pell_
         finish_aim(p, a);
         return;
     }
-    place_on_light(light, p, u0, u1, a);
-    if (flat)
-        place_wide_samples(light, p, a, wide);
+    sample_light(light, p, u0, u1, a);
+    if (has_area)
+        sample_wide_light(light, p, a, wide);
     for (int i = 0; i < N; i++) {
         const float x = a->sx[i] - p->px[i], y = a->sy[i] - p->py[i], z = a->sz[i] - p->pz[i];
         const float d2 = x * x + y * y + z * z, length = sqrtf(d2 > TINY ? d2 : TINY), inv = 1.0f / length;
@@ -183,18 +184,20 @@ static void aim(const struct pell_light_data *restrict light, const struct pell_
     for (int i = 0; i < N; i++) {
         /* cosine at the light: to the normal of an area light, or to the axis of a spot */
         const float back = -(d.x * a->lx[i] + d.y * a->ly[i] + d.z * a->lz[i]), cosine = back > 0.0f ? back : 0.0f;
-        const float spot = pell_light_cone(back, light->spot_scale, light->spot_offset), w = flat ? cosine : cone > 0.0f ? spot : 1.0f;
+        const float spot = pell_light_cone(back, light->spot_scale, light->spot_offset), w = has_area         ? cosine
+                                                                                             : is_spot > 0.0f ? spot
+                                                                                                              : 1.0f;
         for (int c = 0; c < 3; c++)
             a->intensity[c][i] = power[c] * w;
-        a->spread[i] = area * cosine / (a->distance[i] * a->distance[i]);
+        a->solid_angle[i] = area * cosine / (a->distance[i] * a->distance[i]);
     }
-    for (int i = 0; flat && i < N; i++) {
+    for (int i = 0; has_area && i < N; i++) {
         if (wide[i] == 0.0f)
             continue;
         a->falloff[i] = 1.0f;
-        a->spread[i] = fmaxf(wide[i], 0.0f);
+        a->solid_angle[i] = fmaxf(wide[i], 0.0f);
         for (int c = 0; c < 3; c++)
-            a->intensity[c][i] = power[c] / area * a->spread[i];
+            a->intensity[c][i] = power[c] / area * a->solid_angle[i];
     }
     finish_aim(p, a);
 }
@@ -246,7 +249,7 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
         }
     }
     for (int i = 0; i < N; i++) {
-        const float g = p->fraction[i];
+        const float g = p->roughness_fraction[i];
         const float scale = pell_bilinear(near[0][i], near[2][i], beyond[0][i], beyond[2][i], g, f[i]);
         const float bias = pell_bilinear(near[1][i], near[3][i], beyond[1][i], beyond[3][i], g, f[i]);
         out[i] = pell_transmittance(p->rho[i], p->fd[i], scale, bias);
@@ -262,18 +265,18 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
 static void add_single(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
                        const float *restrict transmitted, struct pell_sums *restrict sums)
 {
-    _Alignas(64) float in[N], out[N], turn[N];
+    _Alignas(64) float in[N], out[N], cosine[N];
 
     for (int i = 0; i < N; i++) {
         const float nl = pell_saturate(a->nl[i]), nv = pell_saturate(p->nv[i]);
         const float outside = a->lx[i] * p->vx[i] + a->ly[i] * p->vy[i] + a->lz[i] * p->vz[i];
         in[i] = pell_single_cosine(p->single_eta2[i], nl);
         out[i] = pell_single_cosine(p->single_eta2[i], nv);
-        turn[i] = pell_single_phase_cosine(p->single_eta2[i], outside, nl, nv, in[i], out[i]);
+        cosine[i] = pell_single_phase_cosine(p->single_eta2[i], outside, nl, nv, in[i], out[i]);
     }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float radiance = pell_single_radiance(p->single_albedo[c][i], p->single_g[c][i], turn[i], in[i], out[i]);
+            const float radiance = pell_single_radiance(p->single_albedo[c][i], p->single_g[c][i], cosine[i], in[i], out[i]);
             const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * facing[i] * radiance, limited = add < BIG ? add : BIG;
             sums->single[c][i] += facing[i] > 0.0f && p->single_albedo[c][i] > 0.0f ? limited : 0.0f;
         }
@@ -296,11 +299,11 @@ static void add_direction(const struct pell_lanes *restrict p, const struct pell
         }
     for (int i = 0; i < N; i++) {
         const float nl = a->nl[i] > 0.0f ? a->nl[i] : 0.0f, cos2_t = 1.0f - (1.0f - nl * nl) * p->inverse_eta2[i];
-        const float inverse_eta = sqrtf(p->inverse_eta2[i]), deep = nl * inverse_eta - sqrtf(cos2_t > 0.0f ? cos2_t : 0.0f);
-        sums->direction_in[0][i] += enters[i] * (deep * p->nx[i] - inverse_eta * a->lx[i]);
-        sums->direction_in[1][i] += enters[i] * (deep * p->ny[i] - inverse_eta * a->ly[i]);
-        sums->direction_in[2][i] += enters[i] * (deep * p->nz[i] - inverse_eta * a->lz[i]);
-        sums->known[i] += enters[i];
+        const float inverse_eta = sqrtf(p->inverse_eta2[i]), along_n = nl * inverse_eta - sqrtf(cos2_t > 0.0f ? cos2_t : 0.0f);
+        sums->direction_in[0][i] += enters[i] * (along_n * p->nx[i] - inverse_eta * a->lx[i]);
+        sums->direction_in[1][i] += enters[i] * (along_n * p->ny[i] - inverse_eta * a->ly[i]);
+        sums->direction_in[2][i] += enters[i] * (along_n * p->nz[i] - inverse_eta * a->lz[i]);
+        sums->direction_weight[i] += enters[i];
     }
 }
 
@@ -317,14 +320,14 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
                   const struct pell_aim *restrict a, const int32_t *restrict visible, struct pell_gloss *gloss,
                   struct pell_sums *restrict sums)
 {
-    const bool faced = pell_light_has_face(light);
-    _Alignas(64) float mu[N], transmitted[N], clear[N], facing[N], off[N];
+    const bool has_area = pell_light_is_area(light);
+    _Alignas(64) float mu[N], transmitted[N], unoccluded[N], facing[N], off[N];
 
     for (int i = 0; i < N; i++) {
         const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, lit = pell_lane_facing(p, i, nl, a->gl[i]);
         mu[i] = nl;
-        clear[i] = a->front[i] ? lit : 0.0f;
-        facing[i] = visible[i] ? clear[i] : 0.0f;
+        unoccluded[i] = a->front[i] ? lit : 0.0f;
+        facing[i] = visible[i] ? unoccluded[i] : 0.0f;
     }
     transmittance(t, p, mu, transmitted);
     for (int i = 0; i < N; i++)
@@ -332,10 +335,10 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
             const float factor = p->enter_base[c][i] + p->enter_slope[c][i] * off[i];
-            const float bent = clear[i] + p->shift[c][i] * (1.0f - 3.0f * mu[i] * mu[i]), enters = bent > 0.0f ? bent : 0.0f;
+            const float bent = unoccluded[i] + p->shift[c][i] * (1.0f - 3.0f * mu[i] * mu[i]), enters = bent > 0.0f ? bent : 0.0f;
             const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * enters, limited = add < BIG ? add : BIG;
             sums->irradiance[c][i] += facing[i] > 0.0f ? limited : 0.0f;
-            sums->lost[c][i] += faced && clear[i] > facing[i] ? limited : 0.0f;
+            sums->lost[c][i] += has_area && unoccluded[i] > facing[i] ? limited : 0.0f;
         }
     if (pell_light_in_table(light))
         add_unshadowed(a, transmitted, sums);
@@ -344,20 +347,20 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
     if (p->any_single)
         add_single(p, a, facing, transmitted, sums);
     if (gloss)
-        PELL_SIMD(pell_add_highlight)(light, p, a, clear, mu, visible, gloss);
+        PELL_SIMD(pell_add_highlight)(light, p, a, unoccluded, mu, visible, gloss);
 }
 
 static void unshadowed(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
                        struct pell_sums *restrict sums)
 {
     _Alignas(64) float mu[N], transmitted[N];
-    int32_t faced = 0;
+    int32_t any_facing = 0;
 
     for (int i = 0; i < N; i++) {
         mu[i] = a->nl[i] > 0.0f ? a->nl[i] : 0.0f;
-        faced |= -(int32_t) (mu[i] > 0.0f);
+        any_facing |= -(int32_t) (mu[i] > 0.0f);
     }
-    if (!faced)
+    if (!any_facing)
         return;
     transmittance(t, p, mu, transmitted);
     add_unshadowed(a, transmitted, sums);
@@ -397,21 +400,21 @@ static void load_pixels(const struct pell_lane_input *input, const float *restri
     const float cx = (0.5f + v.shift_x - 0.5f * (float) v.width) * inv, cy = (0.5f * (float) v.height - 0.5f - v.shift_y) * inv;
 
     for (int i = 0; i < N; i++) {
-        /* as in pell_view_ray: a perspective ray spreads with depth, an orthographic one starts next to the camera */
-        const float sx = (float) x[i] * inv + cx, sy = cy - (float) y[i] * inv, spread = ortho + (1.0f - ortho) * depth[i];
+        /* as in pell_view_ray: a perspective ray's offset grows with depth, an orthographic one starts next to the camera */
+        const float sx = (float) x[i] * inv + cx, sy = cy - (float) y[i] * inv, scale = ortho + (1.0f - ortho) * depth[i];
         const float dx = (1.0f - ortho) * sx, dy = (1.0f - ortho) * sy;
         const float wx = v.forward.x + dx * v.right.x + dy * v.up.x, wy = v.forward.y + dx * v.right.y + dy * v.up.y;
-        const float wz = v.forward.z + dx * v.right.z + dy * v.up.z, length = -1.0f / sqrtf(wx * wx + wy * wy + wz * wz);
-        const float px = v.origin.x + depth[i] * v.forward.x + spread * (sx * v.right.x + sy * v.up.x);
-        const float py = v.origin.y + depth[i] * v.forward.y + spread * (sx * v.right.y + sy * v.up.y);
-        const float pz = v.origin.z + depth[i] * v.forward.z + spread * (sx * v.right.z + sy * v.up.z);
+        const float wz = v.forward.z + dx * v.right.z + dy * v.up.z, toward = -1.0f / sqrtf(wx * wx + wy * wy + wz * wz);
+        const float px = v.origin.x + depth[i] * v.forward.x + scale * (sx * v.right.x + sy * v.up.x);
+        const float py = v.origin.y + depth[i] * v.forward.y + scale * (sx * v.right.y + sy * v.up.y);
+        const float pz = v.origin.z + depth[i] * v.forward.z + scale * (sx * v.right.z + sy * v.up.z);
         const float ax = fabsf(px), ay = fabsf(py), az = fabsf(pz), axy = ax > ay ? ax : ay;
         p->px[i] = px;
         p->py[i] = py;
         p->pz[i] = pz;
-        p->vx[i] = wx * length;
-        p->vy[i] = wy * length;
-        p->vz[i] = wz * length;
+        p->vx[i] = wx * toward;
+        p->vy[i] = wy * toward;
+        p->vz[i] = wz * toward;
         /* about 50 units in the last place of the largest coordinate */
         p->epsilon[i] = 6e-6f * ((axy > az ? axy : az) + depth[i]);
     }
@@ -453,7 +456,7 @@ static void load_roughness(struct pell_lanes *restrict p)
         const float y = pell_roughness_coord(r, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
         const int32_t k = pell_table_cell(y, PELL_ALBEDO_ROUGHNESS);
         p->width2[i] = width * width + 2.0f * p->slope_variance[i];
-        p->fraction[i] = y - (float) k;
+        p->roughness_fraction[i] = y - (float) k;
         p->albedo_at[i] += 2 * k;
         p->rho[i] = (p->tint[0][i] + p->tint[1][i] + p->tint[2][i]) * (1.0f / 3.0f);
     }
@@ -518,7 +521,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
     memset(sums->shifted, 0, sizeof(sums->shifted));
     memset(sums->single_surplus, 0, sizeof(sums->single_surplus));
     memset(sums->direction_in, 0, sizeof(sums->direction_in));
-    memset(sums->known, 0, sizeof(sums->known));
+    memset(sums->direction_weight, 0, sizeof(sums->direction_weight));
     gather(s->depth, index, rows, depth);
     gather(s->ng[0], index, rows, p->gx);
     gather(s->ng[1], index, rows, p->gy);
@@ -586,7 +589,7 @@ static void store_direction(const struct pell_lanes *restrict p, const struct pe
         for (int c = 0; c < 3; c++)
             all += sums->irradiance[c][i] - sums->shifted[c][i] - sums->single_surplus[c][i];
         inverse_sum[i] = all > TINY ? 1.0f / all : 0.0f;
-        diffuse[i] = all > sums->known[i] ? (all - sums->known[i]) * inverse_sum[i] : 0.0f;
+        diffuse[i] = all > sums->direction_weight[i] ? (all - sums->direction_weight[i]) * inverse_sum[i] : 0.0f;
         inward[i] = diffuse[i] * pell_mean_refracted(p->inverse_eta2[i]);
     }
     scatter(diffuse, index, count, rows, out->diffuse);
@@ -616,10 +619,10 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
             exit_transmittance[i] *= p->single_eta2[i];
     }
     for (int c = 0; c < 3; c++) {
-        const float *through = p->any_thin ? p->through[c] : p->albedo[c];
+        const float *transmission = p->any_thin ? p->transmission[c] : p->albedo[c];
         for (int i = 0; i < N; i++) {
             irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
-            transmitted[i] = sums->transmitted[c][i] * through[i];
+            transmitted[i] = sums->transmitted[c][i] * transmission[i];
             single[i] = sums->single[c][i] * exit_transmittance[i];
         }
         scatter(irradiance, index, count, rows, out->irradiance[c]);

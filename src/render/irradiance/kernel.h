@@ -3,8 +3,8 @@
  * kernel.h - private to src/render/irradiance: 16 pixels in SIMD lanes, and the arithmetic on them; kernel.c is compiled once per SIMD
  * level. Lanes without a pixel repeat another; masks say which lanes are valid.
  */
-#ifndef PELL_SHADE_H
-#define PELL_SHADE_H
+#ifndef PELL_IRRADIANCE_KERNEL_H
+#define PELL_IRRADIANCE_KERNEL_H
 
 #include "base/simd.h"
 #include "math/sampling.h"
@@ -27,17 +27,17 @@ struct pell_lanes {
     float rho[16], fd[16];        /* rho_s and F0 of the dielectric, for light that enters */
     float tint[3][16], f0[3][16]; /* of the highlight */
     float width2[16];             /* squared lobe width */
-    float fraction[16];           /* interpolation weight in roughness */
+    float roughness_fraction[16]; /* interpolation weight in roughness */
     int32_t albedo_at[16];        /* flat index into tables->albedo */
     int32_t boundary_at[16];      /* smooth boundary: flat index into tables->boundaries, in floats */
     int32_t model[16];            /* lobe: enum pell_specular_model */
     int32_t smooth[16];           /* -1 or 0 */
-    int32_t deep[16];             /* -1: light may be transmitted from the far side */
-    int32_t clear[16];            /* -1: the medium scatters forward */
+    int32_t transmits[16];        /* -1: light may be transmitted from the far side */
+    int32_t scatters_forward[16]; /* -1: the medium scatters forward */
     int32_t opaque[16];
-    float albedo[3][16];  /* factor of entering light */
-    float through[3][16]; /* factor of transmitted light, with any_thin; equals albedo in lanes that are not thin sheets */
-    int32_t thin[16];     /* with any_thin: -1: a thin sheet, whose far side is lit as well */
+    float albedo[3][16];       /* factor of entering light */
+    float transmission[3][16]; /* factor of transmitted light, with any_thin; equals albedo in lanes that are not thin sheets */
+    int32_t thin[16];          /* with any_thin: -1: a thin sheet, whose far side is lit as well */
     float roughness[16];
     float slope_variance[16]; /* see struct pell_surface */
     int32_t valid[16];
@@ -47,10 +47,10 @@ struct pell_lanes {
     uint32_t pattern[2][16]; /* XORed with the sequence for samples of lights: pell_lane_pattern */
     float shift[3][16];      /* mean free path over radius of curvature, refracted (curvature/stage.h) */
     float inverse_eta2[16], enter_base[3][16], enter_slope[3][16], enter_mean[3][16]; /* see render/angle.h */
-    float pass_base[3][16], pass_slope[3][16], pass_thick[3][16]; /* for light from the depth; 1 and 0 at points without a view */
-    float pass[3][16];
-    float single_eta2[16], single_albedo[3][16], single_g[3][16]; /* see render/single.h */
-    int any_smooth, any_deep, any_thin, any_single;
+    float pass_base[3][16], pass_slope[3][16], pass_per_mm[3][16]; /* for light from the depth; 1 and 0 at points without a view */
+    float pass[3][16];                                             /* the factor toward the camera */
+    float single_eta2[16], single_albedo[3][16], single_g[3][16];  /* see render/single.h */
+    int any_smooth, any_transmits, any_thin, any_single;
     int any_direction;     /* directions of the entering light are required */
     int light_bits;        /* bits of a light's sample count per frame */
     uint32_t pattern_mask; /* of `pattern`, to decorrelate samples of an environment's lights between pixels (pell_lights.together) */
@@ -66,7 +66,7 @@ struct pell_aim {
     float intensity[3][16]; /* irradiance on a facing surface = intensity falloff */
     float falloff[16];
     float gl[16], nl[16];        /* ng.l, n.l */
-    float spread[16];            /* solid angle of the sample, sr */
+    float solid_angle[16];       /* of the sample, sr */
     int32_t front[16], back[16]; /* -1: light may reach this side */
     int any_front, any_back;
 };
@@ -77,7 +77,8 @@ struct pell_lane_input {
     const struct pell_surface *surface;
     uint32_t seed;
     int light_bits;                    /* bits of a light's sample count per frame */
-    const struct pell_material *plain; /* the material of all lanes, if translucent, without metal and untextured (surface.h); else NULL */
+    const struct pell_material *plain; /* the material of all lanes, if translucent, without metal and uniform (pell_surface_is_uniform);
+                                        * else NULL */
     /* Points in space, mm: lane i is at position[k][index[i]] and viewed along its geometric normal; `depth` is then the largest
      * coordinate that it was computed from. NULL: positions follow from the view and the depth */
     const float *const *position;
@@ -105,11 +106,11 @@ struct pell_sums {
     float shifted[3][16];        /* with lanes.any_direction: part of `irradiance` that `shift` adds, */
     float single_surplus[3][16]; /* part that accounts for single scattering, */
     float direction_in[3][16];   /* sum of refracted directions of the directional rest, weighted by the sum of channels, */
-    float known[16];             /* and that sum of weights */
+    float direction_weight[16];  /* and that sum of weights */
 };
 
 /* Whether a light is an area light, whose shadows are noisy. */
-static inline bool pell_light_has_face(const struct pell_light_data *light)
+static inline bool pell_light_is_area(const struct pell_light_data *light)
 {
     return light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
 }
@@ -125,7 +126,7 @@ struct pell_gloss {
     _Alignas(64) float visible[3][16], occluded[3][16]; /* by points of the light, with their MIS weights */
     float odds[16];                                     /* pell_gloss_odds */
     bool any_odds;
-    float direction[2][16]; /* current direction of the lobe: its factors of F0 and of 1 - F0, 0 where it misses the light; */
+    float direction_factor[2][16]; /* of the current direction of the lobe, for F0 and for 1 - F0; 0 where it misses the light; */
     float mirrored[2][16], mirrored_occluded[2][16]; /* the sums of these factors */
 };
 
@@ -136,7 +137,7 @@ struct pell_shade_tables {
 
 struct pell_shade_kernels {
     /* Clears the sums and fills the lanes from the surface's planes at index[i], pixel (x[i], y[i]). fd, model, opaque, albedo_at (for
-     * roughness 0), boundary_at, smooth, deep and valid must be set. */
+     * roughness 0), boundary_at, smooth, transmits and valid must be set. */
     void (*load)(const struct pell_lane_input *input, const int32_t *index, const int32_t *x, const int32_t *y, struct pell_lanes *lanes,
                  struct pell_sums *sums);
     /* Samples a light: directions, distances, intensities and masks; `u0`, `u1`: the sample's Sobol numbers. Without the projected
@@ -147,7 +148,7 @@ struct pell_shade_kernels {
     void (*front)(const struct pell_light_data *light, const struct pell_shade_tables *tables, const struct pell_lanes *lanes,
                   const struct pell_aim *aim, const int32_t *visible, struct pell_gloss *gloss, struct pell_sums *sums);
     void (*begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *lanes, struct pell_gloss *gloss);
-    /* Makes the rays of direction `n` of the lobe, in the lanes of `mask`: those that hit the light. Returns false if there are none. */
+    /* Makes the rays in direction `n` of the lobe, and `mask`: the lanes whose rays hit the light. Returns false if there are none. */
     bool (*reflect)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t n, struct pell_gloss *gloss,
                     int32_t *mask, struct pell_ray16 *rays);
     void (*reflected)(const int32_t *visible, struct pell_gloss *gloss);

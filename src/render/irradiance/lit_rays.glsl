@@ -12,7 +12,7 @@ bool is_unoccluded(vec3 origin, vec3 direction, float far)
     return !trace_ray(Ray(origin, 0.0, direction, far, RAY_ALL), true, hit);
 }
 
-bool counts(int light)
+bool is_requested(int light)
 {
     const uint bit = uint(min(light, 62)), word = bit < 32u ? pc.low : pc.high;
     return (pc.low | pc.high) == 0u || (word >> (bit & 31u) & 1u) != 0u;

@@ -7,7 +7,7 @@
 
 /* Values of a lane that depend on its material. */
 struct material_values {
-    int32_t albedo_at, boundary_at, smooth, model, opaque, deep, clear;
+    int32_t albedo_at, boundary_at, smooth, model, opaque, transmits, scatters_forward;
     const struct pell_angle *angle;
     const struct pell_separate_single *separate;
     float fd;
@@ -26,8 +26,8 @@ static struct material_values values_of(const struct job *job, size_t material)
         .smooth = -(int32_t) (job->p->smooth && !m->opaque),
         .model = t->model[material],
         .opaque = -(int32_t) m->opaque,
-        .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
-        .clear = -(int32_t) (job->p->through && pell_indirect_forward(job->p->through, material)),
+        .transmits = -(int32_t) (thickness && thickness->max_mm > 0.0f),
+        .scatters_forward = -(int32_t) (job->p->solid_light && pell_indirect_forward(job->p->solid_light, material)),
         .angle = job->p->angle && !m->opaque ? &job->p->angle[material] : NULL,
         .separate = job->p->separate && !m->opaque ? &job->p->separate[material] : NULL,
         .fd = t->boundaries[t->boundary[material]].f0,
@@ -44,7 +44,7 @@ static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angl
         l->enter_mean[c][i] = angle ? angle->enter_mean[c] : 1.0f;
         l->pass_base[c][i] = angle && seen ? angle->pass_base[c] : 1.0f;
         l->pass_slope[c][i] = angle && seen ? angle->pass_slope[c] : 0.0f;
-        l->pass_thick[c][i] = angle ? angle->pass_thick[c] : 0.0f;
+        l->pass_per_mm[c][i] = angle ? angle->pass_per_mm[c] : 0.0f;
     }
 }
 
@@ -65,19 +65,19 @@ static void set_materials(const struct job *job, struct packet *k)
     struct pell_lanes *l = &k->lanes;
     struct material_values t = values_of(job, k->material[0]);
 
-    if (k->single && k->cached_material == (int64_t) k->material[0]) {
+    if (k->one_material && k->cached_material == (int64_t) k->material[0]) {
         for (int i = 0; i < PELL_LANES; i++)
             l->albedo_at[i] = t.albedo_at;
         return;
     }
-    k->cached_material = k->single ? (int64_t) k->material[0] : -1;
-    l->any_smooth = l->any_deep = l->any_single = 0;
+    k->cached_material = k->one_material ? (int64_t) k->material[0] : -1;
+    l->any_smooth = l->any_transmits = l->any_single = 0;
     l->any_direction = job->p->directions;
     l->models = 0;
     memset(l->shift, 0, sizeof(l->shift));
     k->textured = false;
     for (int i = 0; i < PELL_LANES; i++) {
-        if (!k->single)
+        if (!k->one_material)
             t = values_of(job, k->material[i]);
         l->albedo_at[i] = t.albedo_at;
         l->boundary_at[i] = t.boundary_at;
@@ -85,13 +85,13 @@ static void set_materials(const struct job *job, struct packet *k)
         l->smooth[i] = t.smooth;
         l->model[i] = t.model;
         l->opaque[i] = t.opaque;
-        l->deep[i] = t.deep;
-        l->clear[i] = t.clear;
+        l->transmits[i] = t.transmits;
+        l->scatters_forward[i] = t.scatters_forward;
         k->textured |= t.textured;
         l->any_smooth |= t.smooth;
         l->models |= 1u << t.model;
-        l->any_deep |= t.deep;
-        set_angle(l, i, t.angle, !job->entering);
+        l->any_transmits |= t.transmits;
+        set_angle(l, i, t.angle, !job->entering_only);
         set_single(l, i, t.separate);
     }
 }
@@ -120,12 +120,12 @@ static void split_sheets(const struct job *job, struct packet *k)
     l->any_thin = 0;
     if (!s->any_thin)
         return;
-    memcpy(l->through, l->albedo, sizeof(l->through));
+    memcpy(l->transmission, l->albedo, sizeof(l->transmission));
     for (int i = 0; i < PELL_LANES; i++) {
         const int32_t at = k->index[i];
         l->thin[i] = -(int32_t) pell_material_is_thin(&job->p->scene->materials[k->material[i]]);
         for (int c = 0; l->thin[i] && c < 3; c++) {
-            l->through[c][i] = s->transmission[c][at];
+            l->transmission[c][i] = s->transmission[c][at];
             l->albedo[c][i] *= s->reflection[at];
         }
         l->any_thin |= l->thin[i];
@@ -145,9 +145,9 @@ void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x,
         k->lanes.valid[i] = -(int32_t) (i < k->count);
         differ |= k->material[i] ^ k->material[0];
     }
-    k->single = !differ;
+    k->one_material = !differ;
     set_materials(job, k);
-    if (k->single) {
+    if (k->one_material) {
         const struct pell_material *m = &job->p->scene->materials[k->material[0]];
         if (!m->opaque && m->metallic == 0.0f && pell_surface_is_uniform(m))
             input.plain = m;
@@ -159,7 +159,8 @@ void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x,
         input.uniform = uniform;
     }
     job->kernels->load(&input, k->index, x, y, &k->lanes, &k->sums);
-    k->lanes.pattern_mask = job->entering ? UINT32_MAX : ~job->lights->together; /* points that are not pixels have other sample counts */
+    k->lanes.pattern_mask =
+        job->entering_only ? UINT32_MAX : ~job->lights->together; /* points that are not pixels have other sample counts */
     color_entering(job, k);
     split_sheets(job, k);
     if (s->any_emissive)

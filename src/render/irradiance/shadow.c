@@ -16,7 +16,6 @@ void pell_trace_occlusion(const struct job *job, struct packet *k, const int32_t
     k->rays += count_lanes(mask);
 }
 
-/* Uses the light's grid instead of rays, for points that may be lit, if there is a grid and the points are neighbours. */
 bool pell_query_light_grid(const struct pell_light_source *source, struct packet *k, const int32_t *mask, const float *x, const float *y,
                            const float *z, int32_t *visible)
 {
@@ -26,8 +25,7 @@ bool pell_query_light_grid(const struct pell_light_source *source, struct packet
     return true;
 }
 
-/* Ambient visibility: the fraction of `samples` cosine-distributed directions about sky->normal that hit nothing. A lane uses the same
- * samples as in the sequence's order, so that the result does not depend on the order. */
+/* A lane traces its samples in the order of cells, but uses the same ones as in the sequence's order: the result does not depend on it. */
 void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
                              float fraction[PELL_LANES])
 {
@@ -45,7 +43,7 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
     for (uint32_t s = 0; s < samples; s++) {
         const uint32_t run = 1u << sky->bits, j = s & (run - 1u);
         for (uint32_t n = first + s; j == 0 && n < first + s + run; n++) {
-            const uint32_t u = pell_sobol0(n), v = pell_sobol1(n), cell = pell_sky_part(u, v, sky->bits);
+            const uint32_t u = pell_sobol0(n), v = pell_sobol1(n), cell = pell_sky_cell(u, v, sky->bits);
             elements[0][cell] = u;
             elements[1][cell] = v;
         }

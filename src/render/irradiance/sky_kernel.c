@@ -10,7 +10,7 @@ static void make(const struct pell_lanes *restrict p, int pattern_bits, uint32_t
 {
     for (int i = 0; i < N; i++) {
         pell_lane_pattern(p, i, pattern_bits, salt, s->pattern[0] + i, s->pattern[1] + i);
-        s->cell[i] = pell_sky_part(s->pattern[0][i], s->pattern[1][i], s->bits);
+        s->cell[i] = pell_sky_cell(s->pattern[0][i], s->pattern[1][i], s->bits);
     }
     for (int i = 0; i < N; i++) { /* vec3_basis */
         const float x = s->normal[0][i], y = s->normal[1][i], z = s->normal[2][i];

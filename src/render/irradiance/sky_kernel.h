@@ -13,12 +13,12 @@
 struct pell_sky {
     _Alignas(64) float origin[3][16], normal[3][16]; /* set by the caller */
     float right[3][16], up[3][16];
-    uint32_t pattern[2][16], cell[16]; /* cell: that of the pattern */
-    int bits;                          /* the caller's */
+    uint32_t pattern[2][16], cell[16]; /* cell: of the pattern */
+    int bits;                          /* set by the caller */
 };
 
 /* Returns the cell of the square that contains a sample or a pattern. */
-static inline uint32_t pell_sky_part(uint32_t u, uint32_t v, int bits)
+static inline uint32_t pell_sky_cell(uint32_t u, uint32_t v, int bits)
 {
     return (u >> 31 << 3 | v >> 31 << 2 | (u >> 30 & 1u) << 1 | (v >> 30 & 1u)) >> (PELL_SKY_BITS - bits);
 }

@@ -65,11 +65,11 @@ struct pell_irradiance_params {
     bool opposed;                                        /* the same for methods that correct the profile between faces at an angle */
     bool flat;                                           /* no scaling by curvature */
     const struct pell_indirect *indirect;                /* indirect light (indirect/stage.h); requires the surface's hits. NULL: none */
-    const struct pell_indirect *through;                 /* light inside solids, which replaces straight transmission. NULL: none */
-    bool whole_solid;                                    /* `through` scales the method's result instead of the entering light */
-    bool passed;                                         /* the method adds transmission through thin parts: indirect light is
+    const struct pell_indirect *solid_light;             /* light inside solids, which replaces straight transmission. NULL: none */
+    bool whole_solid;                                    /* `solid_light` scales the method's result instead of the entering light */
+    bool transmits;                                      /* the method adds transmission through thin parts: indirect light is
                                                           * transmitted, too */
-    bool between;                                        /* with `local`: `through` includes transport between faces */
+    bool between_faces;                                  /* with `local`: `solid_light` includes transport between faces */
     bool directions;                                     /* lighting->shifted, single_surplus, direction_in and diffuse are required */
     bool shared;                                         /* lighting->hidden and lost are required */
     const float (*radius)[3];                            /* with `shared`: mean radius of the profile per scene material, mm; NULL:
@@ -77,6 +77,12 @@ struct pell_irradiance_params {
     uint32_t sample;                                     /* index of the multisample: varies the sample patterns */
     uint32_t seed;
 };
+
+/* Whether this light of the scene is requested. */
+static inline bool pell_irradiance_requests(const struct pell_irradiance_params *p, int light)
+{
+    return p->lights == 0 || (p->lights & pell_light_bit((size_t) light));
+}
 
 /* Factors of entering light by curvature, for R, G and B at 16 points. */
 static inline const float (*pell_irradiance_gain(const struct pell_irradiance_params *p, const struct pell_curvature_effects *e))[16]
@@ -91,7 +97,8 @@ PELL_NODISCARD enum pell_result pell_irradiance_render(struct pell_pool *pool, s
 /* --- points.c: irradiance at arbitrary points ----------------------------------------------------------------------------------------- */
 
 /* Computes what pell_irradiance_render does at pixels for arbitrary points (pell_services_light_points): same lights, tables and
- * formulas. params->surface is any allocated surface, whose view is not read; `what` replaces params' sample and lights. */
+ * formulas. params->surface is any allocated surface, whose planes are not read; `what` replaces the lights, sample, `local`, `flat` and
+ * `opposed` of `params`. */
 int64_t pell_irradiance_points(const struct pell_lights *lights, const struct pell_irradiance_params *params,
                                const struct pell_points_params *what, const struct pell_surface_points *in, size_t n,
                                const struct pell_surface_light *out);

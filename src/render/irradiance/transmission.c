@@ -165,9 +165,9 @@ static void transmitted_fraction(const struct job *job, const struct packet *k, 
 
     for (int c = 0; c < 3; c++) {
         const float rest = forward ? pell_forward_diffuse(&forward->model, c, max0(d), forward->separation[c]) : 1.0f;
-        const float near = pell_lerp(t->value[j][c], rest * t->slab[j][c], opposed),
+        const float here = pell_lerp(t->value[j][c], rest * t->slab[j][c], opposed),
                     next = pell_lerp(t->value[j + 1][c], rest * t->slab[j + 1][c], opposed);
-        rgb[c] = counted * pell_thickness_transmission(near, next, coord, PELL_THICKNESS_STEPS);
+        rgb[c] = counted * pell_thickness_transmission(here, next, coord, PELL_THICKNESS_STEPS);
     }
 }
 
@@ -178,7 +178,7 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
 
     if (l->smooth[i])
         return pell_boundary_lookup(job->tables.boundary + l->boundary_at[i], mu);
-    pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->fraction[i], mu, &scale, &bias);
+    pell_albedo_pair(job->tables.albedo + l->albedo_at[i], l->roughness_fraction[i], mu, &scale, &bias);
     return pell_transmittance(l->rho[i], l->fd[i], scale, bias);
 }
 
@@ -187,7 +187,7 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
 static void add_transmitted(struct packet *k, int i, const float light[3], float d)
 {
     for (int c = 0; c < 3; c++) {
-        const float exiting = light[c] * pell_thickness_exit(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
+        const float exiting = light[c] * pell_thickness_exit(k->lanes.pass_per_mm[c][i], d, k->lanes.pass[c][i]);
         k->sums.transmitted[c][i] += exiting;
         k->sums.straight[i] += exiting;
         k->sums.path[i] += d * k->flat[i] * exiting;
@@ -207,14 +207,14 @@ static void trace_to_light(const struct job *job, const struct pell_light_source
                            const struct exits *exits, int32_t *visible)
 {
     const struct pell_lanes *l = &k->lanes;
-    const bool far = source->type == PELL_LIGHT_DIRECTIONAL;
+    const bool directional = source->type == PELL_LIGHT_DIRECTIONAL;
     struct pell_ray16 rays;
 
     for (int i = 0; i < PELL_LANES; i++) {
         struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
         if (exits->found[i])
             o = vec3_mad(exits->point[i], exits->terminator_offset[i] + l->epsilon[i], exits->geometric[i]);
-        pell_ray16_set(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
+        pell_ray16_set(&rays, i, o, directional ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), directional ? FLT_MAX : 0.9999f);
     }
     if (!pell_query_light_grid(source, k, exits->found, rays.ox, rays.oy, rays.oz, visible))
         pell_trace_occlusion(job, k, exits->found, true, &rays, visible);
@@ -240,7 +240,7 @@ static float entering_light(const struct job *job, const struct pell_light_sourc
 void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct pell_aim *a, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
-    const bool far = source->type == PELL_LIGHT_DIRECTIONAL;
+    const bool directional = source->type == PELL_LIGHT_DIRECTIONAL;
     _Alignas(64) int32_t visible[PELL_LANES];
     struct pell_ray_hit16 r;
     struct exits exits;
@@ -248,19 +248,19 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
     int depth[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++)
-        a->back[i] &= k->straight[i] & l->deep[i];
+        a->back[i] &= k->straight[i] & l->transmits[i];
     if (count_lanes(a->back) == 0) /* light inside the solid was solved everywhere */
         return;
     for (int i = 0; i < PELL_LANES; i++) {
         const bool out = a->gl[i] > 0.0f; /* the ray starts in air and crosses the entry surface */
         const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : origin_inside(l, i);
-        const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
+        const struct pell_vec3 d = directional ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
         const float reach = a->back[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f;
         float limit;
         cosine[i] = pell_thickness_cosine(a->nl[i], a->gl[i]);
         limit = reach / cosine[i]; /* d >= m cos: nothing is transmitted beyond */
         depth[i] = out ? -1 : 0;
-        pell_ray16_set(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
+        pell_ray16_set(&r.ray, i, o, d, directional ? limit : smaller(0.9999f, limit / a->distance[i]));
     }
     find_exits(job, k, a->back, source, &r, depth, &exits);
     if (count_lanes(exits.found) == 0)
@@ -289,10 +289,10 @@ static bool aim_between(struct packet *k, int i, struct pell_vec3 w, struct pell
 {
     const struct pell_lanes *l = &k->lanes;
     const struct pell_vec3 v = vec3_load(k->toward[i]), u = vec3_normalize(vec3_add(w, v)), g = vec3(l->gx[i], l->gy[i], l->gz[i]);
-    const bool is = vec3_dot(w, v) > 0.0f && vec3_dot(u, g) > MIN_FACING;
+    const bool found = vec3_dot(w, v) > 0.0f && vec3_dot(u, g) > MIN_FACING;
 
-    pell_ray16_set(&r->ray, i, origin_inside(l, i), vec3_mul(is ? u : g, -1.0f), is ? PELL_INDIRECT_BEYOND * k->spacing[i] : 0.0f);
-    return is;
+    pell_ray16_set(&r->ray, i, origin_inside(l, i), vec3_mul(found ? u : g, -1.0f), found ? PELL_INDIRECT_BEYOND * k->spacing[i] : 0.0f);
+    return found;
 }
 
 void pell_transmit_forward(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, struct packet *k)
@@ -376,7 +376,6 @@ static void add_smooth_environment(const struct job *job, struct packet *k, int 
     }
 }
 
-/* Transmission of the smooth part through thin parts: a ray along the inward normal finds A, ambient visibility there its shadow. */
 void pell_transmit_environment(const struct job *job, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
@@ -387,13 +386,13 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
     int depth[PELL_LANES] = { 0 };
 
     for (int i = 0; i < PELL_LANES; i++)
-        exits.found[i] = l->valid[i] & l->deep[i] & k->straight[i];
+        exits.found[i] = l->valid[i] & l->transmits[i] & k->straight[i];
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
         pell_ray16_set(&r.ray, i, origin_inside(l, i), vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
-                       l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
+                       l->valid[i] & l->transmits[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
     }
     memcpy(k->aim.back, exits.found, sizeof(exits.found));
     find_exits(job, k, k->aim.back, NULL, &r, depth, &exits);

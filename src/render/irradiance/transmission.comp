@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// transmission.comp - light that goes straight through thin parts, a point an invocation: for each of a slice of the samples of lights
-// behind the point a ray to where the path enters the solid, and one beyond. Mirror of transmission.c, by the formulas of
+// transmission.comp - light that goes straight through thin parts, one point per invocation: for each of a slice of the samples of lights
+// behind the point, a ray to where the light enters the solid, and a shadow ray from there. Mirror of transmission.c, with the formulas of
 // shared/thickness.h. See buffers.glsl, and:
 //   in  8 meshes     of the scene
 //   in  9 corners    of all triangles, by their mesh's vertices; then all normals, bits of floats
 //   in 10 parts      (object, material) of every mesh, sorted
-//   in 11 thickness  tables as struct pell_thickness_table has them: first `value`, then `slab`, then `spread`, then `slab` without what
-//                    clear media pass forward of lights (that is found by the cpu)
+//   in 11 thickness  tables as in struct pell_thickness_table: `value`, `slab`, `spread`, and `slab` without forward-scattered light, for
+//                    lights (the CPU adds that light)
 layout(local_size_x = 64) in;
 #include "render/irradiance/buffers.glsl"
 layout(set = 0, binding = 8) readonly buffer Meshes { pell_lit_mesh meshes[]; };
@@ -30,7 +30,7 @@ struct Exit {
     float terminator_offset; // mm, of the smooth surface above the triangle
 };
 
-struct Through {
+struct Transmitted {
     vec3 light;
     float path; // path length of `light` in mm, times the sum of channels
     uint rays;
@@ -136,7 +136,7 @@ bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
 }
 
 // Transmitted fraction of the light at `exit`, by the table `slabs`; `d`: the thickness, mm.
-vec3 pass_thickness(Point p, float d, Exit exit, float same, int slabs)
+vec3 transmitted_fraction(Point p, float d, Exit exit, float same, int slabs)
 {
     const float counted = pell_thickness_counted(same, dot(exit.normal, points[p.at].view.xyz)), opposed = pell_thickness_opposed(same);
     const float coord = pell_thickness_coord(max(d, 0.0), materials[p.material].thickest, PELL_LIT_THICKNESS_STEPS);
@@ -145,9 +145,9 @@ vec3 pass_thickness(Point p, float d, Exit exit, float same, int slabs)
     vec3 fraction;
 
     for (int c = 0; c < 3; c++) {
-        const float near = pell_lerp(thickness[value + c], thickness[slab + c], opposed);
+        const float here = pell_lerp(thickness[value + c], thickness[slab + c], opposed);
         const float next = pell_lerp(thickness[value + 3 + c], thickness[slab + 3 + c], opposed);
-        fraction[c] = counted * pell_thickness_transmission(near, next, coord, PELL_LIT_THICKNESS_STEPS);
+        fraction[c] = counted * pell_thickness_transmission(here, next, coord, PELL_LIT_THICKNESS_STEPS);
     }
     return fraction;
 }
@@ -160,12 +160,12 @@ vec3 exit_factor(Point p, float d)
     vec3 factor = vec3(1.0);
 
     for (int c = 0; c < 3 && (points[p.at].flags & PELL_LIT_SEEN) != 0u; c++)
-        factor[c] = pell_thickness_exit(m.pass_thick[c], d, m.pass_base[c] + m.pass_slope[c] * off);
+        factor[c] = pell_thickness_exit(m.pass_per_mm[c], d, m.pass_base[c] + m.pass_slope[c] * off);
     return factor;
 }
 
 // One sample of a light behind the point.
-void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
+void transmit(pell_light_data light, Point p, Aim a, inout Transmitted sums)
 {
     const bool away = light.type == PELL_LIGHT_DATA_DIRECTIONAL, outside = a.gl > 0.0; // the path begins in air
     const float epsilon = points[p.at].position.w, cosine = pell_thickness_cosine(a.nl, a.gl);
@@ -191,14 +191,14 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
                           : a.wide ? a.falloff
                                    : pell_light_falloff(max(a.distance - m, 1e-3), light.position.w, light.direction.w);
     const float w = pell_soft_terminator(transmittance(p, mu) * mu, g) * falloff;
-    const vec3 arrives = min(a.intensity * w * pass_thickness(p, d, exit, same, SLAB_OF_LIGHTS), vec3(BIG));
+    const vec3 arrives = min(a.intensity * w * transmitted_fraction(p, d, exit, same, SLAB_OF_LIGHTS), vec3(BIG));
     const vec3 exiting = arrives * exit_factor(p, d);
     sums.light += exiting;
     sums.path += d * (exiting.r + exiting.g + exiting.b);
 }
 
 // Adds the slice's samples of a light. Lights that take turns: only in their turn, and then for all of them.
-void shine_through(pell_light_data light, Point p, inout Through sums)
+void transmit_light(pell_light_data light, Point p, inout Transmitted sums)
 {
     const uint turns = max(light.flags >> PELL_LIT_TURNS_AT & 255u, 1u), turn = light.flags >> PELL_LIT_TURN_AT & 255u;
 
@@ -232,12 +232,12 @@ float transmit_ambient(Point p, inout uint rays, out vec3 fraction, out Exit exi
     const vec3 beyond = exit.position + (exit.terminator_offset + points[p.at].position.w) * exit.geometric;
     const float m = length(exit.position - p.position);
     const uint unoccluded = count_unoccluded(beyond, exit.geometric, p.sample_index, pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT));
-    fraction = float(unoccluded) / float(pc.ambient_samples) * pass_thickness(p, m, exit, dot(exit.normal, p.normal), SLAB);
+    fraction = float(unoccluded) / float(pc.ambient_samples) * transmitted_fraction(p, m, exit, dot(exit.normal, p.normal), SLAB);
     rays += pc.sky_end - pc.sky + (pc.sky == 0u ? to_exit : 0u);
     return m;
 }
 
-void give(uint at, vec3 rgb, uint word)
+void store_result(uint at, vec3 rgb, uint word)
 {
     results[at] = uvec4(floatBitsToUint(rgb), word);
 }
@@ -252,7 +252,7 @@ void main()
     const bool start = (pc.flags & PELL_LIT_START) != 0u;
     Point p = load_point(i, false, false);
     const uvec4 before = start ? uvec4(0u) : results[at];
-    Through sums = Through(uintBitsToFloat(before.rgb), uintBitsToFloat(before.a), start ? 0u : results[at + 2u].a);
+    Transmitted sums = Transmitted(uintBitsToFloat(before.rgb), uintBitsToFloat(before.a), start ? 0u : results[at + 2u].a);
 
     if (start)
         results[at + 1u] = uvec4(0u);
@@ -260,14 +260,14 @@ void main()
         Exit exit = Exit(vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
         vec3 fraction;
         const float m = transmit_ambient(p, sums.rays, fraction, exit);
-        give(at + 1u, uintBitsToFloat(results[at + 1u].rgb) + fraction, floatBitsToUint(m));
-        give(at + 2u, exit.normal, sums.rays);
-        give(at, sums.light, floatBitsToUint(sums.path));
+        store_result(at + 1u, uintBitsToFloat(results[at + 1u].rgb) + fraction, floatBitsToUint(m));
+        store_result(at + 2u, exit.normal, sums.rays);
+        store_result(at, sums.light, floatBitsToUint(sums.path));
         return;
     }
     for (uint light = pc.light; light < pc.light_end; light++)
-        if (counts(lights[light].light))
-            shine_through(lights[light], p, sums);
-    give(at, sums.light, floatBitsToUint(sums.path));
+        if (is_requested(lights[light].light))
+            transmit_light(lights[light], p, sums);
+    store_result(at, sums.light, floatBitsToUint(sums.path));
     results[at + 2u].a = sums.rays;
 }

@@ -16,9 +16,9 @@ static const struct {
     enum picture_buffer buffers[PELL_GPU_BINDINGS]; /* as its bindings */
 } pass_rows[PASSES] = {
     [CLEAR] = { &pell_picture_clear_shader, { LIGHT, SURFACE } },
-    [SEE] = { &pell_picture_surface_shader,
-              { NODES, TRIANGLES, MESHES, CORNERS, LIT, MATERIALS, FRAME, KEYS, ATTRIBUTES, MAPS, POINTS, HITS, METHOD_HITS,
-                METHOD_BASES } },
+    [TRACE_CAMERA] = { &pell_picture_surface_shader,
+                       { NODES, TRIANGLES, MESHES, CORNERS, LIT, MATERIALS, FRAME, KEYS, ATTRIBUTES, MAPS, POINTS, HITS, METHOD_HITS,
+                         METHOD_BASES } },
     [ADD_INSIDE] = { &pell_picture_inside_shader, { HITS, LIT, FRAME, MESHES, CORNERS, SHAPES, SOLIDS, BETWEEN, POINTS, INSIDES } },
     [FINISH] = { &pell_picture_finish_shader,
                  { POINTS, RESULTS, HITS, INSIDES, LIT, MATERIALS, TABLES, FRAME, SKY, ARRIVED, SURFACE, SHOWN, AROUND, THROUGH, SINGLE } },
@@ -31,7 +31,7 @@ static const struct {
                   { LIGHT, RESULT, SHOWN, HIGHLIGHTS, THROUGH, SINGLE, MATERIALS, FRAME, AROUND, SUM, LENS } },
 };
 
-/* What a buffer's size is counted in. */
+/* The unit of a buffer's size. */
 enum counted { ONCE, MATERIAL, MESH, POINT, PIXEL, ROW, WORDS };
 
 static const struct {
@@ -93,7 +93,7 @@ static size_t attribute_words(const struct pell_scene *scene, uint32_t *out)
     return at;
 }
 
-/* Words of what is known of solids, and of what is sampled; `out` NULL: they are counted. */
+/* Words of the data of solids, of vertex attributes or of maps; `out` NULL: they are only counted. */
 static size_t words_of(const struct pell_picture_sample *s, enum picture_buffer which, uint32_t *out)
 {
     const struct pell_irradiance_params *p = s->irradiance;
@@ -102,7 +102,7 @@ static size_t words_of(const struct pell_picture_sample *s, enum picture_buffer 
     case SHAPES: return p->curvature ? pell_curvature_words(p->curvature, out) : 0;
     case ATTRIBUTES: return attribute_words(p->scene, out);
     case MAPS: return p->surface->mips ? pell_mips_words(p->surface->mips, p->scene, out) : 0;
-    case SOLIDS: return p->through ? pell_indirect_words(p->through, out) : 0;
+    case SOLIDS: return p->solid_light ? pell_indirect_words(p->solid_light, out) : 0;
     default: return p->indirect ? pell_indirect_words(p->indirect, out) : 0;
     }
 }
@@ -110,7 +110,7 @@ static size_t words_of(const struct pell_picture_sample *s, enum picture_buffer 
 uint64_t picture_largest(const struct pell_picture_sample *s)
 {
     const struct pell_view *v = &s->sample->view;
-    uint64_t most = (uint64_t) pell_gpu_pitch(v->width) * (uint64_t) v->height * sizeof(struct pell_picture_shown);
+    uint64_t most = (uint64_t) pell_gpu_pitch(v->width) * (uint64_t) v->height * sizeof(struct pell_picture_around);
 
     for (int i = SHAPES; i <= MAPS; i++) {
         const uint64_t size = sizeof(uint32_t) * (uint64_t) words_of(s, i, NULL);
@@ -155,7 +155,7 @@ static enum pell_result make_buffers(struct pell_picture_device *d, const struct
     return res;
 }
 
-/* Sends those, where they have changed. */
+/* Uploads these words if they have changed. */
 static enum pell_result send_words(struct pell_picture_device *d, const struct pell_picture_sample *s)
 {
     struct pell_gpu_buffer *up[BUFFERS] = { NULL };

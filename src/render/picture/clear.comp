@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// clear.comp - leaves an image's planes in which nothing is seen: pixels that no sample may cover are written by no other pass.
+// clear.comp - clears the planes of an image: pixels that no sample may cover are written by no other pass.
 //   out 0 light   1 surface
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) writeonly buffer Light { vec4 light[]; };

@@ -16,7 +16,7 @@ layout(set = 0, binding = 2) readonly buffer Shown { pell_picture_shown shown[];
 layout(set = 0, binding = 3) readonly buffer Highlights { vec4 highlights[]; };
 layout(set = 0, binding = 4) readonly buffer Through { vec4 through[]; };
 layout(set = 0, binding = 5) readonly buffer Single { vec4 single[]; };
-layout(set = 0, binding = 6) readonly buffer Materials { pell_picture_material seen[]; };
+layout(set = 0, binding = 6) readonly buffer Materials { pell_picture_material surface_materials[]; };
 layout(set = 0, binding = 7) readonly buffer Frame { pell_picture_frame fr; };
 layout(set = 0, binding = 8) readonly buffer Around { pell_picture_around around[]; };
 layout(set = 0, binding = 9) buffer Sum { vec4 sum[]; };
@@ -33,11 +33,11 @@ void main()
         return;
     const uint material = floatBitsToUint(shown[at].factor.w);
     if (material != 0u) {
-        const pell_picture_material m = seen[material - 1u];
+        const pell_picture_material m = surface_materials[material - 1u];
         const bool scatters = (fr.flags & PELL_PICTURE_SCATTERS) != 0u && (m.flags & PELL_PICTURE_OPAQUE) == 0u;
         const vec3 factor = shown[at].factor.rgb;
-        const vec3 passed = scatters || m.sheet.w > 0.0 ? through[at].rgb : vec3(0.0);
-        color.rgb = factor * ((scatters ? exitance[at].rgb : m.total.rgb * light[at].rgb) + passed);
+        const vec3 through_light = scatters || m.sheet.w > 0.0 ? through[at].rgb : vec3(0.0);
+        color.rgb = factor * ((scatters ? exitance[at].rgb : m.total.rgb * light[at].rgb) + through_light);
         color.rgb += (fr.flags & PELL_PICTURE_SHARED) != 0u ? highlights[at].rgb : shown[at].specular.rgb;
         if (scatters && (fr.flags & PELL_PICTURE_SINGLE) != 0u)
             color.rgb += single[at].rgb;

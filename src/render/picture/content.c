@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * content.c - what a sample sends to the device: its view, and the materials as the stages "surface" and "composite" see them. */
+ * content.c - data of a sample for the device: its view, and the materials in the format of the stages "surface" and "composite". */
 #include "render/pass.h"
 #include "render/picture/device_state.h"
 
@@ -12,7 +12,7 @@ _Static_assert(sizeof(struct pell_picture_frame) == 144 && AT(pell_picture_frame
                    sizeof(struct pell_picture_material) == 160 && AT(pell_picture_material, flags, 144) &&
                    sizeof(struct pell_picture_hit) == 80 && AT(pell_picture_hit, mesh, 64) && sizeof(struct pell_picture_inside) == 128 &&
                    sizeof(struct pell_picture_shown) == 32 && sizeof(struct pell_picture_around) == 64 &&
-                   sizeof(struct pell_picture_row) == 64 && sizeof(struct pell_picture_push) == 20 && sizeof(struct pell_spread_push) == 52,
+                   sizeof(struct pell_picture_row) == 56 && sizeof(struct pell_picture_push) == 20 && sizeof(struct pell_spread_push) == 52,
                "as std430 lays them out");
 
 bool picture_is_mapped(const struct pell_scene *scene)
@@ -52,8 +52,8 @@ uint32_t picture_known(const struct pell_picture_sample *s)
     const struct pell_irradiance_params *p = s->irradiance;
 
     return (p->curvature ? PELL_KNOWN_SHAPE : 0u) | (p->local ? PELL_KNOWN_LOCAL : 0u) | (p->opposed ? PELL_KNOWN_OPPOSED : 0u) |
-           (p->through ? PELL_KNOWN_SOLIDS : 0u) | (p->between ? PELL_KNOWN_BETWEEN : 0u) | (p->indirect ? PELL_KNOWN_INDIRECT : 0u) |
-           (p->passed ? PELL_KNOWN_PASSED : 0u);
+           (p->solid_light ? PELL_KNOWN_SOLIDS : 0u) | (p->between_faces ? PELL_KNOWN_BETWEEN : 0u) |
+           (p->indirect ? PELL_KNOWN_INDIRECT : 0u) | (p->transmits ? PELL_KNOWN_TRANSMITS : 0u);
 }
 
 static struct pell_vec4 rgb_and(const float rgb[3], float w)
@@ -88,13 +88,14 @@ static struct pell_picture_material material_of(const struct pell_picture_sample
         .sheet = rgb_and(m->diffuse_transmission_color, pell_material_is_thin(m) ? m->diffuse_transmission : 0.0f),
         .radius = rgb_and(s->irradiance->radius[i], 0.0f),
         .flags = (m->opaque ? PELL_PICTURE_OPAQUE : 0u) | (textured ? PELL_PICTURE_TEXTURED : 0u) |
-                 (p->smooth && !m->opaque ? PELL_PICTURE_SMOOTH : 0u) | (m->specular == PELL_SPECULAR_KELEMEN ? PELL_PICTURE_WHOLE : 0u),
+                 (p->smooth && !m->opaque ? PELL_PICTURE_SMOOTH : 0u) |
+                 (m->specular == PELL_SPECULAR_KELEMEN ? PELL_PICTURE_LINEAR_WIDTH : 0u),
         .normal_scale = m->normal_scale,
         .diffuse = p->diffuse,
     };
 }
 
-/* What the method calls the materials of meshes: struct pell_frame.material. */
+/* Writes the method's id of the material of each mesh: struct pell_frame.material. */
 static void fill_keys(const struct pell_picture_sample *s, uint32_t *keys)
 {
     const struct pell_engine_frame *f = s->sample->frame;
@@ -133,7 +134,7 @@ void picture_fill(const struct pell_picture_device *d, const struct pell_picture
         .flags = picture_flags(s),
         .seed = s->irradiance->seed,
         .known = picture_known(s),
-        .sample_number = s->irradiance->sample,
+        .sample_index = s->irradiance->sample,
         .weight = s->composite->weight,
         .mean_at = (int32_t) (sizeof(t->albedo) / sizeof(float) + t->num_boundaries * PELL_BOUNDARY_MU),
         .depth_mm = v->orthographic ? 0.0f : 1.0f / v->focal_px,

@@ -59,11 +59,11 @@ static const char *refuses_light(const struct pell_picture_sample *s)
         return BY_CPU "more corners than a buffer holds";
     if (lent.environments > 0 && !lent.sky)
         return BY_CPU "more of environments than a buffer holds";
-    if (light->through && pell_indirect_has_beams(light->through))
+    if (light->solid_light && pell_indirect_has_beams(light->solid_light))
         return BY_CPU "light is scattered forward through clear solids";
     if (s->unscattered)
         return BY_CPU "light passes thin parts without being scattered";
-    return light->through && light->whole_solid ? BY_CPU "the method asks whole solids" : NULL;
+    return light->solid_light && light->whole_solid ? BY_CPU "the method asks whole solids" : NULL;
 }
 
 static const char *refuses_method(const struct pell_picture_sample *s)
@@ -112,7 +112,7 @@ static void clear_planes(struct pell_picture_device *d)
     pell_gpu_run(d->commands, d->passes[CLEAR], &push, across, (groups + across - 1) / across, 1);
 }
 
-/* One invocation a pixel of the rectangle. */
+/* Runs one invocation per pixel of the rectangle. */
 static void run_pixels(struct pell_picture_device *d, const struct pell_picture_sample *s, enum picture_pass pass, const void *push)
 {
     const struct pell_rect r = s->composite->rect;
@@ -120,13 +120,13 @@ static void run_pixels(struct pell_picture_device *d, const struct pell_picture_
     pell_gpu_run(d->commands, d->passes[pass], push, picture_tiles(r.x1 - r.x0), picture_tiles(r.y1 - r.y0), 1);
 }
 
-/* From the camera to the light that arrives. */
+/* Records the passes from camera rays to the light at the surface. */
 static void record_light(struct pell_picture_device *d, const struct pell_picture_sample *s)
 {
     const struct pell_light_run run = { .params = s->irradiance, .highlights = true };
     const struct pell_rect r = s->composite->rect;
     const uint32_t tiles = picture_tiles(r.x1 - r.x0) * picture_tiles(r.y1 - r.y0), sides = picture_flags(s) & PELL_PICTURE_SHEETS ? 2 : 1;
-    const uint32_t most = (uint32_t) (d->room / (sides * PELL_PICTURE_GROUP));
+    const uint32_t batch_tiles = (uint32_t) (d->room / (sides * PELL_PICTURE_GROUP));
 
     pell_gpu_mark(d->commands, "tables upload");
     pell_light_device_upload(s->light, &run, d->commands);
@@ -135,12 +135,12 @@ static void record_light(struct pell_picture_device *d, const struct pell_pictur
     pell_gpu_copy(d->commands, d->buffers[FRAME_UP], d->buffers[FRAME], d->sizes[FRAME]);
     if (s->composite->first)
         clear_planes(d);
-    for (uint32_t first = 0; first < tiles; first += most) {
-        struct pell_picture_push push = { .first = first, .count = tiles - first < most ? tiles - first : most };
+    for (uint32_t first = 0; first < tiles; first += batch_tiles) {
+        struct pell_picture_push push = { .first = first, .count = tiles - first < batch_tiles ? tiles - first : batch_tiles };
         struct pell_light_layout layout;
         push.far_sides = sides > 1 ? push.count * PELL_PICTURE_GROUP : 0;
         pell_gpu_mark(d->commands, "surface");
-        pell_gpu_run(d->commands, d->passes[SEE], &push, push.count, 1, 1);
+        pell_gpu_run(d->commands, d->passes[TRACE_CAMERA], &push, push.count, 1, 1);
         if (picture_flags(s) & PELL_PICTURE_INSIDES) {
             pell_gpu_mark(d->commands, "inside");
             pell_gpu_run(d->commands, d->passes[ADD_INSIDE], &push, sides * push.count, 1, 1);
@@ -160,7 +160,7 @@ static void record_light(struct pell_picture_device *d, const struct pell_pictur
     pell_gpu_copy(d->commands, d->buffers[ROWS], d->buffers[ROWS_DOWN], d->sizes[ROWS_DOWN]);
 }
 
-/* What the rows of a sample say together. */
+/* Statistics of all rows of a sample. */
 struct found {
     struct pell_engine_seen seen;
     int64_t pixels, rays, through;
@@ -194,7 +194,7 @@ static struct found read_rows(const struct pell_picture_device *d, const struct 
     return f;
 }
 
-/* Bytes that a pass must move for a pixel of the image. */
+/* Bytes that a pass must read and write per pixel of the image. */
 static int64_t bytes_of(const char *name)
 {
     static const struct {
@@ -221,27 +221,27 @@ static int64_t bytes_of(const char *name)
     return 128;
 }
 
-/* The marks of the list that has run. */
+/* Notes the times of the list that has run. */
 static void note_times(const struct pell_picture_device *d, const struct pell_picture_sample *s, const struct found *f)
 {
     struct pell_gpu_time list[PELL_GPU_MARKS];
     const size_t count = pell_gpu_times(d->commands, list, PELL_GPU_MARKS);
-    int64_t rays = f->rays, through = f->through, seen = f->pixels;
+    int64_t direct = f->rays, transmission = f->through, camera = f->pixels;
 
     for (size_t i = 0; i < count; i++) {
-        int64_t *sent = strcmp(list[i].name, "direct light") == 0   ? &rays
-                        : strcmp(list[i].name, "transmission") == 0 ? &through
-                        : strcmp(list[i].name, "surface") == 0      ? &seen
+        int64_t *rays = strcmp(list[i].name, "direct light") == 0   ? &direct
+                        : strcmp(list[i].name, "transmission") == 0 ? &transmission
+                        : strcmp(list[i].name, "surface") == 0      ? &camera
                                                                     : NULL;
         pell_stage_note(s->sample->frame->notes, list[i].name, list[i].seconds,
-                        i == 0 || strcmp(list[i].name, list[i - 1].name) ? f->pixels : 0, sent ? *sent : 0,
+                        i == 0 || strcmp(list[i].name, list[i - 1].name) ? f->pixels : 0, rays ? *rays : 0,
                         f->pixels * bytes_of(list[i].name));
-        if (sent)
-            *sent = 0; /* the first batch has them all */
+        if (rays)
+            *rays = 0; /* the row of the first batch counts them all */
     }
 }
 
-/* What the host makes of the method's work. */
+/* Prepares the method's data on the host. */
 static enum pell_result prepare_method(const struct pell_picture_sample *s, const struct found *f)
 {
     struct pell_frame in = *s->sample->in;
@@ -277,7 +277,7 @@ static void record_composite(struct pell_picture_device *d, const struct pell_pi
     pell_post_device_record_lens(s->lens, &lens, d->commands);
 }
 
-/* What a method makes of the light, and the sum. */
+/* Records the spread of transmission, the method, and the composite. */
 static void record_end(struct pell_picture_device *d, const struct pell_picture_sample *s, const struct found *f)
 {
     if (s->spreads)
@@ -322,14 +322,15 @@ fail:
 
 /* --- The image ------------------------------------------------------------------------------------------------------------------------ */
 
-struct take {
+struct take_task {
     const struct pell_picture_device *d;
     const struct pell_accumulator *out;
     ptrdiff_t stride;
     struct pell_rect rect;
 };
 
-static void meter_row(const struct take *t, int y)
+/* Copies what the row metered. */
+static void meter_row(const struct take_task *t, int y)
 {
     const struct pell_picture_row *row = (const struct pell_picture_row *) pell_gpu_buffer_host(t->d->buffers[ROWS_DOWN]) + y;
 
@@ -339,7 +340,7 @@ static void meter_row(const struct take *t, int y)
 
 static void take_row(void *arg, int index, int worker)
 {
-    const struct take *t = arg;
+    const struct take_task *t = arg;
     const int y = t->rect.y0 + index;
     const struct pell_vec4 *from =
         (const struct pell_vec4 *) pell_gpu_buffer_host(t->d->buffers[SUM_DOWN]) + (size_t) y * (size_t) pell_gpu_pitch(t->d->width);
@@ -357,7 +358,7 @@ static void take_row(void *arg, int index, int worker)
 enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct pell_pool *pool, struct pell_stage_notes *notes,
                                           const struct pell_accumulator *out, ptrdiff_t stride, const struct pell_rect *rect, bool lens)
 {
-    const struct take take = { d, out, stride, *rect };
+    const struct take_task take = { d, out, stride, *rect };
     const int64_t pixels = (int64_t) (rect->x1 - rect->x0) * (rect->y1 - rect->y0);
     const uint64_t line = sizeof(struct pell_vec4) * (uint64_t) pell_gpu_pitch(d->width);
     struct pell_gpu_time time = { .seconds = 0.0 };

@@ -29,31 +29,31 @@
 #define PELL_PICTURE_ORTHOGRAPHIC 1024u
 #define PELL_PICTURE_MAPPED 2048u  /* some material has maps, or some mesh colours */
 #define PELL_PICTURE_HITS 4096u    /* the method reads surface positions, */
+#define PELL_PICTURE_BASES 8192u   /* or base colours */
 #define PELL_PICTURE_LENS 16384u   /* depth of field is applied to the sample */
 #define PELL_PICTURE_SHEETS 32768u /* some material is a thin sheet: a batch is followed by the far sides of its points */
-#define PELL_PICTURE_BASES 8192u   /* or their base colours */
 
 /* Flags of the data of solids around points: struct pell_irradiance_params. */
 #define PELL_KNOWN_SHAPE 1u   /* curvature */
 #define PELL_KNOWN_LOCAL 2u   /* entering light is scaled by the local gain, */
 #define PELL_KNOWN_OPPOSED 4u /* or by that for opposed faces */
-#define PELL_KNOWN_SOLIDS 8u  /* through */
+#define PELL_KNOWN_SOLIDS 8u  /* solid_light */
 #define PELL_KNOWN_BETWEEN 16u
 #define PELL_KNOWN_INDIRECT 32u
-#define PELL_KNOWN_PASSED 64u
+#define PELL_KNOWN_TRANSMITS 64u
 
 /* Flags of a material. */
 #define PELL_PICTURE_OPAQUE 1u
-#define PELL_PICTURE_TEXTURED 2u /* translucent, with a textured colour */
-#define PELL_PICTURE_SMOOTH 4u   /* light leaves through a smooth boundary */
-#define PELL_PICTURE_WHOLE 8u    /* the squared lobe width is that of the roughness, not its fourth power */
+#define PELL_PICTURE_TEXTURED 2u     /* translucent, with a textured colour */
+#define PELL_PICTURE_SMOOTH 4u       /* light leaves through a smooth boundary */
+#define PELL_PICTURE_LINEAR_WIDTH 8u /* the lobe's width is the roughness, not its square */
 
 /* Parameters of a sample. */
 struct pell_picture_frame {
     PELL_VEC4 origin, forward, right, up;  /* see struct pell_view; w: focal_px; shadow rays per pixel and light; shift_x; shift_y */
     int32_t width, height, pitch, columns; /* px; columns: in tiles */
     int32_t x0, y0, x1, y1;                /* rectangle of the image that may be covered */
-    uint32_t flags, seed, sample_number;
+    uint32_t flags, seed, sample_index;
     float weight;
     int32_t mean_at;          /* index of the lobes' mean albedos among the tables' floats */
     uint32_t known;           /* PELL_KNOWN_* flags */
@@ -92,8 +92,8 @@ struct pell_picture_hit {
 /* Effects of a solid's shape, and of the light inside it, on the light of a pixel: irradiance/inside.c. */
 struct pell_picture_inside {
     PELL_VEC4 all, single; /* factors of entering light; w of all: fraction of a slab's variance by which straight light spreads */
-    PELL_VEC4 thick, through, solved, light;
-    PELL_VEC4 indirect, indirect_transmitted; /* indirect light that enters here, and that is transmitted from the far side */
+    PELL_VEC4 sum_weight, transmitted, solved, light; /* struct pell_inside */
+    PELL_VEC4 indirect, indirect_transmitted;         /* indirect light that enters here, and that is transmitted from the far side */
 };
 
 /* Shading of a pixel for the composite. */
@@ -104,10 +104,10 @@ struct pell_picture_shown {
 
 /* Data for stages that read neighbouring pixels. */
 struct pell_picture_around {
-    PELL_VEC4 hidden; /* see struct pell_lighting; w: bits of the numbers of rays */
-    PELL_VEC4 lost;   /* the same; w unused */
-    PELL_VEC4 counts; /* factor from entering light to metered light; w unused */
-    PELL_VEC4 normal; /* shading normal; w: depth */
+    PELL_VEC4 hidden;       /* see struct pell_lighting; w: bits of the numbers of rays */
+    PELL_VEC4 lost;         /* the same; w unused */
+    PELL_VEC4 meter_factor; /* from entering light to metered light; w unused */
+    PELL_VEC4 normal;       /* shading normal; w: depth */
 };
 
 /* Statistics of a row of pixels. */
@@ -115,9 +115,9 @@ struct pell_picture_row {
     float arriving, covered;              /* over all samples: luminance of arriving light, and number of covered pixels */
     uint32_t pixels, translucent, x0, x1; /* of the last sample: covered pixels; translucent pixels, and their range of x */
     uint32_t rays, through;
-    float depth, strength; /* of the pixel where a method's kernel is widest; depth 0: none */
-    float finest, widest;  /* bounds of straight transmission: mm of a pixel, and mm^2 of variance; widest < 0: none */
-    uint32_t straight0, straight1, seen0, seen1;
+    float depth, strength;         /* of the pixel where a method's kernel is widest; depth 0: none */
+    float finest, widest;          /* of straight transmission: least width of a pixel, mm, and largest variance, mm^2; widest < 0: none */
+    uint32_t straight0, straight1; /* range of x with straight transmission */
 };
 
 /* Push constants of passes over a batch. */

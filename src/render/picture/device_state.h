@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * device_state.h - state shared by the files of device.h. Private to them. */
+ * device_state.h - state shared by the files that implement device.h. Private to them. */
 #ifndef PELL_PICTURE_DEVICE_STATE_H
 #define PELL_PICTURE_DEVICE_STATE_H
 
@@ -21,7 +21,7 @@ enum picture_buffer {
     THROUGH,
     SINGLE,
     HIGHLIGHTS,
-    ENTERED, /* light before shadows of highlights are filtered */
+    ENTERED, /* entering light before shadows are filtered */
     SPREAD_SUM,
     SPREAD_HALF,
     SUM,
@@ -58,7 +58,7 @@ enum picture_buffer {
 
 enum picture_pass {
     CLEAR,
-    SEE,
+    TRACE_CAMERA,
     ADD_INSIDE,
     FINISH,
     FILTER_HIGHLIGHTS,

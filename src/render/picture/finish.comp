@@ -5,7 +5,7 @@
 // inside.c of irradiance/ for light computed on the device, and of composite/kernel.c for the surface.
 //   in  0 points    in 1 results   in 2 hits   in 3 insides, of the batch
 //   in  4 materials in the format of the stage "irradiance"
-//   in  5 seen      materials in the format of the stage "surface"
+//   in  5 surface_materials  in the format of the stage "surface"
 //   in  6 tables    as in buffers.glsl, then mean albedos
 //   in  7 frame
 //   in  8 sky       pell_lights_environment_words, if there are environments
@@ -25,7 +25,7 @@ layout(set = 0, binding = 1) readonly buffer Results { uvec4 results[]; };
 layout(set = 0, binding = 2) readonly buffer Hits { pell_picture_hit hits[]; };
 layout(set = 0, binding = 3) readonly buffer Insides { pell_picture_inside insides[]; };
 layout(set = 0, binding = 4) readonly buffer Lit { pell_lit_material materials[]; };
-layout(set = 0, binding = 5) readonly buffer Materials { pell_picture_material seen[]; };
+layout(set = 0, binding = 5) readonly buffer Materials { pell_picture_material surface_materials[]; };
 layout(set = 0, binding = 6) readonly buffer Tables { float tables[]; };
 layout(set = 0, binding = 7) readonly buffer Frame { pell_picture_frame fr; };
 layout(set = 0, binding = 8) readonly buffer Sky { uint sky[]; };
@@ -83,11 +83,11 @@ Arrived arrived_at(uint i, uint material)
 // Numbers of rays for direct light, and in the upper 16 bits for transmission.
 uint rays_of(uint i, uint material)
 {
-    const uint passed = is_straight(i, material) ? results[i * pc.results + pc.through + 2u].a : 0u;
+    const uint transmission = is_straight(i, material) ? results[i * pc.results + pc.through + 2u].a : 0u;
+    const uint far_side = surface_materials[material].sheet.w > 0.0 ? results[(i + pc.far_sides) * pc.results].a : 0u;
+    const uint direct = results[i * pc.results].a + far_side;
 
-    const uint sent = results[i * pc.results].a + (seen[material].sheet.w > 0.0 ? results[(i + pc.far_sides) * pc.results].a : 0u);
-
-    return min(sent, 65535u) | min(passed, 65535u) << 16;
+    return min(direct, 65535u) | min(transmission, 65535u) << 16;
 }
 
 // Light of environments without the light sources that are excluded from their smooth remainder.
@@ -95,10 +95,10 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
 {
     const uint env = i * pc.results + 1u + PELL_LIT_HIGHLIGHT_WORDS + (has(PELL_PICTURE_SINGLE) ? 1u : 0u);
     const uint exit = i * pc.results + pc.through;
-    const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz, enter = seen[lobe.material].enter_mean.rgb;
+    const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz, enter = surface_materials[lobe.material].enter_mean.rgb;
     const pell_lit_material m = materials[lobe.material];
     const float mu = pell_saturate(dot(normal, view)), off = pell_angle_off(m.inverse_eta2, mu);
-    const bool straight = is_straight(i, lobe.material), shines = points[i].tint.r + points[i].tint.g + points[i].tint.b > 0.0;
+    const bool straight = is_straight(i, lobe.material), has_highlight = points[i].tint.r + points[i].tint.g + points[i].tint.b > 0.0;
     const vec3 fraction = straight ? word(exit + 1u) : vec3(0.0); // fraction of the smooth remainder at the exit point of the straight ray
     const vec2 albedo = albedo_at(lobe, mu);
 
@@ -107,7 +107,7 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
         const Entering entering = entering_of(e, lobe, points[i].normal.w, rho_s);
         const vec3 lights = word(env + 2u * e), unshadowed = word(env + 2u * e + 1u);
         a.irradiance += max(lights + visibility * enter * (rest_at(entering, normal) - unshadowed), vec3(0.0));
-        if (shines) {
+        if (has_highlight) {
             const float width = pell_lobe_width(m.model, points[i].normal.w), slope_variance = points[i].slope_variance;
             const vec3 out_of = normalize(2.0 * max(dot(normal, view), 0.0) * normal - view);
             const vec3 mirrored = mirrored_by(e, out_of, sqrt(width * width + 2.0 * slope_variance));
@@ -118,7 +118,7 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
             const vec3 passes = fraction * broad_rest_at(entering, word(exit + 2u));
             const float path_mm = uintBitsToFloat(results[exit + 1u].a);
             for (int c = 0; c < 3; c++) {
-                const float exiting = passes[c] * pell_thickness_exit(m.pass_thick[c], path_mm, m.pass_base[c] + m.pass_slope[c] * off);
+                const float exiting = passes[c] * pell_thickness_exit(m.pass_per_mm[c], path_mm, m.pass_base[c] + m.pass_slope[c] * off);
                 a.transmitted[c] += exiting;
                 a.straight += exiting;
                 a.path += path_mm * exiting;
@@ -128,21 +128,21 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
 }
 
 // Applies the effects of the solid's shape and of the light inside it.
-void put_inside(uint i, uint material, inout Arrived a)
+void apply_inside(uint i, uint material, inout Arrived a)
 {
     const pell_picture_inside n = insides[i];
 
     a.path *= pell_spread_path_fraction(n.all.w);
-    a.irradiance += n.indirect.rgb * seen[material].enter_mean.rgb;
+    a.irradiance += n.indirect.rgb * surface_materials[material].enter_mean.rgb;
     a.transmitted += n.indirect_transmitted.rgb;
     a.irradiance *= n.all.rgb;
     a.single *= n.single.rgb;
-    const vec3 kept = a.transmitted * (1.0 - n.thick.rgb) * (1.0 - n.solved.rgb);
+    const vec3 kept = a.transmitted * (1.0 - n.sum_weight.rgb) * (1.0 - n.solved.rgb);
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     const float fraction = all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
     a.straight *= fraction;
     a.path *= fraction;
-    a.transmitted = n.light.rgb + (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.thick.rgb) + n.through.rgb);
+    a.transmitted = n.light.rgb + (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.sum_weight.rgb) + n.transmitted.rgb);
 }
 
 // Light of the far side of a thin sheet.
@@ -154,14 +154,14 @@ vec3 arrived_far_side(uint i, Lobe lobe, float rho_s)
     if (has(PELL_PICTURE_SKY))
         add_environments(at, lobe, rho_s, a);
     if (has(PELL_PICTURE_INSIDES))
-        put_inside(at, lobe.material, a);
+        apply_inside(at, lobe.material, a);
     return a.irradiance;
 }
 
 // Factor from radiant exitance to radiance toward the camera.
 float exit_factor(Lobe lobe, float rho_s, float mu)
 {
-    const pell_picture_material m = seen[lobe.material];
+    const pell_picture_material m = surface_materials[lobe.material];
     const bool published = has(PELL_PICTURE_PUBLISHED);
 
     if ((m.flags & PELL_PICTURE_SMOOTH) != 0u)
@@ -180,7 +180,7 @@ void clear(int at)
     surface[at] = uvec2(0u);
     shown[at].factor = vec4(0.0);
     shown[at].specular = vec4(0.0);
-    around[at].hidden = around[at].lost = around[at].counts = vec4(0.0);
+    around[at].hidden = around[at].lost = around[at].meter_factor = vec4(0.0);
     around[at].normal = vec4(0.0);
     through[at] = vec4(0.0);
 }
@@ -197,7 +197,7 @@ void main()
         return;
     }
     const uint material = points[i].material;
-    const pell_picture_material m = seen[material];
+    const pell_picture_material m = surface_materials[material];
     const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz, tint = points[i].tint.rgb, albedo = hits[i].albedo.rgb;
     const float rho_s = (tint.r + tint.g + tint.b) * (1.0 / 3.0), mu = pell_saturate(dot(normal, view));
     const Lobe lobe = lobe_of(material, points[i].normal.w);
@@ -206,32 +206,32 @@ void main()
     if (has(PELL_PICTURE_SKY))
         add_environments(i, lobe, rho_s, a);
     if (has(PELL_PICTURE_INSIDES))
-        put_inside(i, material, a);
+        apply_inside(i, material, a);
     const float off = pell_angle_off(m.enter_mean.w, mu);
     const vec3 factor = exit_factor(lobe, rho_s, mu) * (m.exit_base.rgb + m.exit_slope.rgb * off) * hits[i].exit_color.rgb;
     const bool sheet = m.sheet.w > 0.0;
     if (sheet)
         a.transmitted = arrived_far_side(i, lobe, rho_s);
-    const vec3 entered = a.irradiance * albedo * hits[i].sheet.w, passed = a.transmitted * (sheet ? hits[i].sheet.rgb : albedo);
-    const vec3 arriving = (entered + (sheet ? passed : vec3(0.0))) / max(albedo, vec3(0.02));
-    const vec3 counts = vec3(pell_meter_fraction(m.enter_mean.r, m.diffuse), pell_meter_fraction(m.enter_mean.g, m.diffuse),
+    const vec3 entered = a.irradiance * albedo * hits[i].sheet.w, transmitted = a.transmitted * (sheet ? hits[i].sheet.rgb : albedo);
+    const vec3 arriving = (entered + (sheet ? transmitted : vec3(0.0))) / max(albedo, vec3(0.02));
+    const vec3 metered = vec3(pell_meter_fraction(m.enter_mean.r, m.diffuse), pell_meter_fraction(m.enter_mean.g, m.diffuse),
                              pell_meter_fraction(m.enter_mean.b, m.diffuse));
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     const uint key = floatBitsToUint(hits[i].emissive.w);
     const float pixel_mm = hits[i].albedo.w * fr.depth_mm + fr.fixed_mm;
-    const vec3 shares = vec3(pell_highlights_share(m.radius.r, pixel_mm), pell_highlights_share(m.radius.g, pixel_mm),
+    const vec3 filtered_fraction = vec3(pell_highlights_share(m.radius.r, pixel_mm), pell_highlights_share(m.radius.g, pixel_mm),
                              pell_highlights_share(m.radius.b, pixel_mm));
     const bool emits = hits[i].emissive.r + hits[i].emissive.g + hits[i].emissive.b > 0.0;
 
     light[p.at] = vec4(entered, hits[i].albedo.w);
     surface[p.at] = uvec2(key, floatBitsToUint(has(PELL_PICTURE_STRENGTH) ? hits[i].exit_color.w : 1.0));
     shown[p.at].factor = vec4(factor, uintBitsToFloat(material + 1u));
-    shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * arriving.r, counts.g * arriving.g, counts.b * arriving.b));
+    shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(metered.r * arriving.r, metered.g * arriving.g, metered.b * arriving.b));
     around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, material)));
-    around[p.at].lost = vec4(a.lost * shares * albedo * hits[i].sheet.w, 0.0);
-    around[p.at].counts = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * counts / max(albedo, vec3(0.02)), 0.0);
+    around[p.at].lost = vec4(a.lost * filtered_fraction * albedo * hits[i].sheet.w, 0.0);
+    around[p.at].meter_factor = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * metered / max(albedo, vec3(0.02)), 0.0);
     around[p.at].normal = vec4(normal, hits[i].albedo.w);
-    through[p.at] = vec4(passed, pell_spread_pack_sums(a.path, a.straight, all));
+    through[p.at] = vec4(transmitted, pell_spread_pack_sums(a.path, a.straight, all));
     if (has(PELL_PICTURE_SINGLE)) {
         const float exit = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[material].single_eta2;
         single[p.at] = vec4(a.single * exit, 0.0);

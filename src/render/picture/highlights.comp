@@ -67,5 +67,5 @@ void main()
         enters[c] = filtered_light(center[c], around[at].lost[c], sum[2][c], sum[3][c], next[2][c], next[3][c]);
     }
     light[at] = vec4(enters, center.w);
-    shown[at].specular.w += dot(around[at].counts.rgb, enters - center.rgb);
+    shown[at].specular.w += dot(around[at].meter_factor.rgb, enters - center.rgb);
 }

@@ -51,18 +51,18 @@ vec3 shape_rgb(uint at)
 }
 
 // Area, turn and thin of a node of the grid; 0 if the node does not exist.
-vec3 node_at(uint patch_number, ivec3 at)
+vec3 node_at(uint patch_index, ivec3 at)
 {
-    const uint room = shapes[0], node_index = uint((at.x * PELL_CURVATURE_SIDE + at.y) * PELL_CURVATURE_SIDE + at.z);
-    uint slot = pell_curvature_slot(patch_number, node_index) & (room - 1u);
+    const uint capacity = shapes[0], node_index = uint((at.x * PELL_CURVATURE_SIDE + at.y) * PELL_CURVATURE_SIDE + at.z);
+    uint slot = pell_curvature_slot(patch_index, node_index) & (capacity - 1u);
 
-    for (uint turns = 0u; turns < room; turns++) {
+    for (uint step = 0u; step < capacity; step++) {
         const uint node = shapes[1] + 5u * slot;
         if (shapes[node] == 0u)
             break;
-        if (shapes[node] == patch_number + 1u && shapes[node + 1u] == node_index)
+        if (shapes[node] == patch_index + 1u && shapes[node + 1u] == node_index)
             return shape_rgb(node + 2u);
-        slot = (slot + 1u) & (room - 1u);
+        slot = (slot + 1u) & (capacity - 1u);
     }
     return vec3(0.0);
 }
@@ -103,7 +103,7 @@ Shape shape_at(uint i, out uint response)
     return shape;
 }
 
-// the required members of struct pell_curvature_effects
+// The required members of struct pell_curvature_effects.
 struct Effect {
     vec3 gain, local, opposed, opposed_local, shift;
     float flat_weight;
@@ -117,7 +117,7 @@ vec3 look_up(uint table, uint each, float coord)
     return mix(shape_rgb(at), shape_rgb(at + each), coord - floor(coord));
 }
 
-// Mirror of pell_curvature_effect_at.
+// Mirror of `effects` in curvature/kernel.c.
 Effect effect_at(uint i)
 {
     Effect e = Effect(vec3(1.0), vec3(1.0), vec3(1.0), vec3(1.0), vec3(0.0), 0.0);
@@ -127,7 +127,7 @@ Effect effect_at(uint i)
 
     if (response == NONE)
         return e;
-    const float step = shape_float(response), beyond = pell_curvature_excess(shape.mean, shape.thinness);
+    const float step = shape_float(response), excess = pell_curvature_excess(shape.mean, shape.thinness);
     const uint bent = response + 5u, slabs = bent + 12u * PELL_CURVATURE_GAINS, throughs = slabs + 4u * PELL_CURVATURE_GAINS;
     if (shape.mean != 0.0) {
         const float coord = pell_curvature_mean_coord(shape.mean, shape_float(response + 1u));
@@ -142,9 +142,9 @@ Effect effect_at(uint i)
         e.opposed_local = max(e.local - across, vec3(0.0));
         return e;
     }
-    e.flat_weight = pell_curvature_sheet(beyond, shape.thinness);
+    e.flat_weight = pell_curvature_sheet(excess, shape.thinness);
     const vec3 through = look_up(throughs, 4u, pell_curvature_thinness_coord(shape.thinness, step));
-    const vec3 slab = beyond > 0.0 ? look_up(slabs, 4u, pell_curvature_thinness_coord(beyond, step)) : vec3(1.0);
+    const vec3 slab = excess > 0.0 ? look_up(slabs, 4u, pell_curvature_thinness_coord(excess, step)) : vec3(1.0);
     const vec3 large = mix(e.local, vec3(1.0), e.flat_weight) * slab;
     const float coord = pell_curvature_thinness_coord(shape.thinness, step);
     const uint balls = throughs + 4u * PELL_CURVATURE_GAINS;
@@ -224,7 +224,7 @@ vec3 between_at(Knots k, uint first)
 bool add_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_picture_inside n)
 {
     const Knots k = solid_knots(i, false);
-    const vec3 thick = solid_at(k, 0u), solved = solid_at(k, 6u), deep = solid_at(k, 24u);
+    const vec3 sum_weight = solid_at(k, 0u), solved = solid_at(k, 6u), deep = solid_at(k, 24u);
     const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz;
     const float nv = dot(normal, view);
     const vec3 pass_by = m.pass_base.rgb + m.pass_slope.rgb * pell_angle_off(m.inverse_eta2, pell_saturate(nv));
@@ -233,13 +233,13 @@ bool add_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_pict
     for (uint c = 0u; c < 3u; c++)
         exit[c] *= pell_gradient_exit(m.inverse_eta2, dot(view - nv * normal, solid_at(k, 15u + 3u * c)));
     if (has(PELL_KNOWN_BETWEEN))
-        n.all.rgb = mix(n.all.rgb, opposed_local, thick);
+        n.all.rgb = mix(n.all.rgb, opposed_local, sum_weight);
     n.all.rgb = solid_at(k, 9u) + (1.0 - solved) * n.all.rgb;
-    n.thick.rgb = thick;
-    n.through.rgb = exit * solid_at(k, 3u);
+    n.sum_weight.rgb = sum_weight;
+    n.transmitted.rgb = exit * solid_at(k, 3u);
     n.solved.rgb = solved;
     n.light.rgb = exit * solid_at(k, 12u);
-    return any(greaterThan((1.0 - thick) * (1.0 - solved), vec3(PELL_LIT_STRAIGHT_LEAST)));
+    return any(greaterThan((1.0 - sum_weight) * (1.0 - solved), vec3(PELL_LIT_STRAIGHT_LEAST)));
 }
 
 void main()
@@ -272,7 +272,7 @@ void main()
     if (has(PELL_KNOWN_INDIRECT)) {
         const Knots k = between_knots(far_side ? i - pc.far_sides : i, m.opaque != 0 && (points[i].flags & PELL_LIT_BACK) != 0u);
         n.indirect.rgb = between_at(k, 0u);
-        n.indirect_transmitted.rgb = has(PELL_KNOWN_PASSED) && !far_side ? between_at(k, 3u) : vec3(0.0);
+        n.indirect_transmitted.rgb = has(PELL_KNOWN_TRANSMITS) && !far_side ? between_at(k, 3u) : vec3(0.0);
     }
     insides[i] = n;
 }

@@ -140,7 +140,7 @@ Sampled sample_maps(SurfacePoint p)
 }
 
 // One channel of a linear map.
-float number_of(Sampled found, SurfacePoint p, uint which)
+float map_channel(Sampled found, SurfacePoint p, uint which)
 {
     return found.map[which][maps[map_row(p, which) + 1u] >> 8 & 3u];
 }

@@ -15,7 +15,7 @@ layout(set = 0, binding = 3) readonly buffer Through { vec4 through[]; };
 layout(set = 0, binding = 4) readonly buffer Frame { pell_picture_frame fr; };
 layout(set = 0, binding = 5) readonly buffer Lit { pell_lit_material materials[]; };
 layout(set = 0, binding = 6) readonly buffer Thickness { float thickness[]; };
-layout(set = 0, binding = 7) readonly buffer Materials { pell_picture_material seen[]; };
+layout(set = 0, binding = 7) readonly buffer Materials { pell_picture_material surface_materials[]; };
 layout(set = 0, binding = 8) buffer Rows { pell_picture_row rows[]; };
 layout(push_constant) uniform Push { pell_picture_push pc; };
 #include "render/picture/spread.glsl"
@@ -25,7 +25,7 @@ shared pell_picture_row partial[64];
 
 pell_picture_row empty_row()
 {
-    return pell_picture_row(0.0, 0.0, 0u, 0u, NONE, 0u, 0u, 0u, 0.0, 0.0, 1e38, -1.0, NONE, 0u, NONE, 0u);
+    return pell_picture_row(0.0, 0.0, 0u, 0u, NONE, 0u, 0u, 0u, 0.0, 0.0, 1e38, -1.0, NONE, 0u);
 }
 
 // Proportional to the width of a method's kernel in pixels.
@@ -45,9 +45,7 @@ void add_pixel(int x, int at, inout pell_picture_row row)
     row.pixels++;
     row.rays += floatBitsToUint(around[at].hidden.w) & 65535u;
     row.through += floatBitsToUint(around[at].hidden.w) >> 16;
-    row.seen0 = min(row.seen0, uint(x));
-    row.seen1 = uint(x) + 1u;
-    if ((seen[floatBitsToUint(shown[at].factor.w) - 1u].flags & PELL_PICTURE_OPAQUE) != 0u)
+    if ((surface_materials[floatBitsToUint(shown[at].factor.w) - 1u].flags & PELL_PICTURE_OPAQUE) != 0u)
         return;
     row.translucent++;
     row.x0 = min(row.x0, uint(x));
@@ -70,8 +68,6 @@ pell_picture_row joined(pell_picture_row a, pell_picture_row b)
     a.pixels += b.pixels;
     a.rays += b.rays;
     a.through += b.through;
-    a.seen0 = min(a.seen0, b.seen0);
-    a.seen1 = max(a.seen1, b.seen1);
     a.translucent += b.translucent;
     a.x0 = min(a.x0, b.x0);
     a.x1 = max(a.x1, b.x1);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // sky.glsl - lookups in environments: entering irradiance by normal, and prefiltered reflection. Mirror of lights/environment_lookup.c, and
-// of smooth_rest in irradiance/transmission.c. A file that includes it declares the buffer `uint sky[]` (pell_lights_environment_words),
-// and includes irradiance/boundary.glsl.
+// of smooth_environment in irradiance/transmission.c. A file that includes it declares the buffer `uint sky[]`
+// (pell_lights_environment_words), and includes irradiance/boundary.glsl.
 #include "shared/environment.h"
 #include "shared/lobe.h"
 

@@ -2,7 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // spread_split.comp - splits straight transmission between Gaussians: adds the fraction of one Gaussian to its input plane; at the end
-// (level 0) adds up the blurred light and the light that is not blurred. Mirror of add_row and end_row in spread/cpu.c.
+// (level 0) adds up the blurred light and the light that is not blurred. Mirror of add_row and finish_row in spread/cpu.c.
 //   in  0 surface   1 shown   2 materials   3 thickness   4 frame
 //   i/o 5 through   6 sum
 layout(local_size_x = 8, local_size_y = 8) in;

@@ -7,14 +7,14 @@
 //   in  1 triangles
 //   in  2 meshes    of the scene
 //   in  3 corners   as transmission.comp has them
-//   in  4 lit       materials in the format of the stage "irradiance"
-//   in  5 materials in the format of this stage
+//   in  4 materials in the format of the stage "irradiance"
+//   in  5 surface_materials  in the format of this stage
 //   in  6 frame
 //   in  7 keys      per mesh: material index of the method
 //   in  8 attributes of vertices, and 9 maps: see buffers.c; only if the frame has maps
 //   out 10 points
 //   out 11 hits
-//   out 12 places   13 bases: hits and base colours of the image, for the methods that read them
+//   out 12 method_hits   13 method_bases: hits and base colours of the image, for the methods that read them
 layout(local_size_x = 64) in;
 #include "render/picture/device_data.h"
 #include "shared/camera.h"
@@ -25,8 +25,8 @@ layout(set = 0, binding = 0) readonly buffer Nodes { uvec4 bvh_nodes[]; };
 layout(set = 0, binding = 1) readonly buffer Triangles { uvec4 bvh_triangles[]; };
 layout(set = 0, binding = 2) readonly buffer Meshes { pell_lit_mesh meshes[]; };
 layout(set = 0, binding = 3) readonly buffer Corners { uint corners[]; };
-layout(set = 0, binding = 4) readonly buffer Lit { pell_lit_material lit[]; };
-layout(set = 0, binding = 5) readonly buffer Materials { pell_picture_material materials[]; };
+layout(set = 0, binding = 4) readonly buffer Lit { pell_lit_material materials[]; };
+layout(set = 0, binding = 5) readonly buffer Materials { pell_picture_material surface_materials[]; };
 layout(set = 0, binding = 6) readonly buffer Frame { pell_picture_frame fr; };
 layout(set = 0, binding = 7) readonly buffer Keys { uint keys[]; };
 layout(set = 0, binding = 8) readonly buffer Attributes { uint attributes[]; };
@@ -44,7 +44,7 @@ const float FAR = 3.402823466e38; // FLT_MAX
 const float NEAREST = 1e-6;       // mm: depth is positive
 const float GRAZING = 0.0625;     // see hits16.h
 
-struct Seen {
+struct SurfaceHit {
     vec3 corner[3], normals[3]; // positions and vertex normals of the triangle's corners
     vec3 weight;                // barycentric
     vec3 view;                  // unit, to the camera
@@ -57,7 +57,7 @@ struct Seen {
 };
 
 // Material parameters at a pixel.
-struct Made {
+struct MaterialValues {
     vec3 base, specular, emissive;
     vec4 sheet; // of struct pell_picture_hit
     float roughness, metallic, strength;
@@ -75,7 +75,7 @@ Ray camera_ray(Pixel p)
 }
 
 // Unit geometric normal on the viewer's side; the direction to the viewer if the triangle has no area.
-vec3 geometric_normal(Seen s)
+vec3 geometric_normal(SurfaceHit s)
 {
     const vec3 n = cross(s.corner[1] - s.corner[0], s.corner[2] - s.corner[0]);
     const float largest = max(max(abs(n.x), abs(n.y)), abs(n.z));
@@ -86,7 +86,7 @@ vec3 geometric_normal(Seen s)
 }
 
 // Distance along the normal from the point to the smooth surface over its triangle.
-float terminator_offset(Seen s)
+float terminator_offset(SurfaceHit s)
 {
     vec3 at = vec3(0.0), sum = vec3(0.0);
 
@@ -112,7 +112,7 @@ bool is_mapped()
     return (fr.flags & PELL_PICTURE_MAPPED) != 0u;
 }
 
-vec3 shading_normal(Sampled found, inout Seen s)
+vec3 shading_normal(Sampled found, inout SurfaceHit s)
 {
     const vec3 sum = s.weight[0] * s.normals[0] + s.weight[1] * s.normals[1] + s.weight[2] * s.normals[2];
     vec3 n = dot(sum, sum) > 1e-8 ? sum * (1.0 / sqrt(dot(sum, sum))) : s.ng;
@@ -120,12 +120,12 @@ vec3 shading_normal(Sampled found, inout Seen s)
 
     s.bumps = 0.0;
     if (is_mapped())
-        n = mapped_normal(found, s.point, n, materials[s.point.material].normal_scale, s.bumps);
+        n = mapped_normal(found, s.point, n, surface_materials[s.point.material].normal_scale, s.bumps);
     return bend(bend(side * n, s.ng), s.view);
 }
 
 // Slope variance of the smooth surface inside the pixel.
-float slope_variance_of(Seen s, Ray ray, float depth)
+float slope_variance_of(SurfaceHit s, Ray ray, float depth)
 {
     const vec3 a = s.corner[1] - s.corner[0], b = s.corner[2] - s.corner[0], n = cross(a, b), d = ray.direction;
     const float nn = dot(n, n), nd = dot(n, d), size = max(abs(nd), GRAZING * sqrt(dot(d, d) * nn)), facing = nd < 0.0 ? -size : size;
@@ -142,7 +142,7 @@ float slope_variance_of(Seen s, Ray ray, float depth)
 }
 
 // Area of the pixel's footprint on the surface, over twice the triangle's area.
-float footprint_of(Seen s, Ray ray, float depth)
+float footprint_of(SurfaceHit s, Ray ray, float depth)
 {
     const float SMALLEST = 1.175494351e-38;
     const vec3 n = cross(s.corner[1] - s.corner[0], s.corner[2] - s.corner[0]);
@@ -151,10 +151,10 @@ float footprint_of(Seen s, Ray ray, float depth)
     return pixel * pixel / max(max(abs(dot(n, ray.direction)), least), SMALLEST);
 }
 
-Seen surface_at(Ray ray, Hit hit, out Sampled found)
+SurfaceHit surface_at(Ray ray, Hit hit, out Sampled found)
 {
     const pell_lit_mesh mesh = meshes[hit.mesh];
-    Seen s;
+    SurfaceHit s;
 
     s.weight = vec3(1.0 - hit.u - hit.v, hit.u, hit.v);
     s.view = ray.direction * (-1.0 / sqrt(dot(ray.direction, ray.direction)));
@@ -180,32 +180,32 @@ Seen surface_at(Ray ray, Hit hit, out Sampled found)
 }
 
 // Material factors, maps and vertex colours: shade_material in hits16.h.
-Made make(Sampled found, Seen s)
+MaterialValues material_values(Sampled found, SurfaceHit s)
 {
-    const pell_picture_material m = materials[s.point.material];
-    Made made = Made(m.base.rgb, m.specular.rgb, m.emissive.rgb, m.sheet, m.specular.w, m.emissive.w, m.base.w);
+    const pell_picture_material m = surface_materials[s.point.material];
+    MaterialValues values = MaterialValues(m.base.rgb, m.specular.rgb, m.emissive.rgb, m.sheet, m.specular.w, m.emissive.w, m.base.w);
 
     if (is_mapped()) {
         const SurfacePoint p = s.point;
-        made.base *= found.map[MAP_BASE].rgb;
+        values.base *= found.map[MAP_BASE].rgb;
         if (has_attribute(p, COLOR))
-            made.base *= interpolated(p, COLOR).rgb;
-        made.roughness *= number_of(found, p, MAP_ROUGHNESS);
-        made.metallic *= made.metallic > 0.0 ? number_of(found, p, MAP_METALLIC) : 1.0;
-        made.roughness = pell_bumpy_roughness(made.roughness, s.bumps, (m.flags & PELL_PICTURE_WHOLE) != 0u ? 1 : 0);
-        made.specular *= number_of(found, p, MAP_RHO_S) * found.map[MAP_SPECULAR].rgb;
-        made.strength *= number_of(found, p, MAP_STRENGTH);
-        if (made.emissive.r > 0.0 || made.emissive.g > 0.0 || made.emissive.b > 0.0)
-            made.emissive *= found.map[MAP_EMISSIVE].rgb;
+            values.base *= interpolated(p, COLOR).rgb;
+        values.roughness *= map_channel(found, p, MAP_ROUGHNESS);
+        values.metallic *= values.metallic > 0.0 ? map_channel(found, p, MAP_METALLIC) : 1.0;
+        values.roughness = pell_bumpy_roughness(values.roughness, s.bumps, (m.flags & PELL_PICTURE_LINEAR_WIDTH) != 0u ? 1 : 0);
+        values.specular *= map_channel(found, p, MAP_RHO_S) * found.map[MAP_SPECULAR].rgb;
+        values.strength *= map_channel(found, p, MAP_STRENGTH);
+        if (values.emissive.r > 0.0 || values.emissive.g > 0.0 || values.emissive.b > 0.0)
+            values.emissive *= found.map[MAP_EMISSIVE].rgb;
         if (m.sheet.w > 0.0)
-            made.sheet *= vec4(found.map[MAP_TRANSMISSION_COLOR].rgb, number_of(found, p, MAP_TRANSMISSION));
+            values.sheet *= vec4(found.map[MAP_TRANSMISSION_COLOR].rgb, map_channel(found, p, MAP_TRANSMISSION));
     }
-    made.roughness = clamp(made.roughness, PELL_LIT_ROUGHNESS_MIN, 1.0);
-    made.metallic = clamp(made.metallic, 0.0, 1.0);
-    made.strength = clamp(made.strength, 0.0, 1.0);
-    const float through = clamp(made.sheet.w, 0.0, 1.0);
-    made.sheet = vec4(made.sheet.rgb * (through * (1.0 - made.metallic)), 1.0 - through);
-    return made;
+    values.roughness = clamp(values.roughness, PELL_LIT_ROUGHNESS_MIN, 1.0);
+    values.metallic = clamp(values.metallic, 0.0, 1.0);
+    values.strength = clamp(values.strength, 0.0, 1.0);
+    const float through = clamp(values.sheet.w, 0.0, 1.0);
+    values.sheet = vec4(values.sheet.rgb * (through * (1.0 - values.metallic)), 1.0 - through);
+    return values;
 }
 
 vec3 applied_color(vec3 base, float exponent)
@@ -248,19 +248,19 @@ void main()
         return;
     const uint material = uint(meshes[hit.mesh].material), x = uint(p.x), y = uint(p.y), seed = pell_hash(fr.seed);
     const uint block = pell_hash(x >> PELL_CURVE_LEVELS ^ pell_hash(y >> PELL_CURVE_LEVELS ^ seed));
-    const pell_picture_material m = materials[material];
+    const pell_picture_material m = surface_materials[material];
     Sampled found;
-    const Seen s = surface_at(ray, hit, found);
-    const Made made = make(found, s);
-    const vec3 position = ray.origin + hit.t * ray.direction, far = abs(position), solid = made.base * (1.0 - made.metallic);
+    const SurfaceHit s = surface_at(ray, hit, found);
+    const MaterialValues values = material_values(found, s);
+    const vec3 position = ray.origin + hit.t * ray.direction, far = abs(position), solid = values.base * (1.0 - values.metallic);
     const bool is_opaque = (m.flags & PELL_PICTURE_OPAQUE) != 0u, textured = (m.flags & PELL_PICTURE_TEXTURED) != 0u;
 
     points[i].position = vec4(position, 6e-6 * (max(max(far.x, far.y), far.z) + hit.t));
     points[i].geometric = vec4(s.ng, s.terminator_offset);
-    points[i].normal = vec4(s.ns, made.roughness);
+    points[i].normal = vec4(s.ns, values.roughness);
     points[i].view = vec4(s.view, 0.0);
-    points[i].tint = vec4(made.specular, 0.0);
-    points[i].f0 = vec4(lit[material].fd + made.metallic * (made.base - lit[material].fd), 0.0);
+    points[i].tint = vec4(values.specular, 0.0);
+    points[i].f0 = vec4(materials[material].fd + values.metallic * (values.base - materials[material].fd), 0.0);
     points[i].hash0 = pell_hash(block ^ 0x68bc21ebu);
     points[i].hash1 = pell_hash(block ^ 0x02e5be93u);
     points[i].curve = pell_pixel_curve(x, y, seed);
@@ -268,12 +268,12 @@ void main()
     points[i].material = material;
     points[i].flags = ((fr.flags & PELL_PICTURE_SKY) != 0u ? PELL_LIT_AMBIENT : 0u) | PELL_LIT_STRAIGHT | PELL_LIT_SEEN |
                       (s.back ? PELL_LIT_BACK : 0u) | (fr.flags & PELL_LIT_TOGETHER);
-    points[i].sample_index = fr.sample_number;
+    points[i].sample_index = fr.sample_index;
     points[i].slope_variance = s.slope_variance;
-    hits[i].albedo = vec4(is_opaque ? solid : textured ? applied_color(made.base, m.total.w) : vec3(1.0), hit.t);
-    hits[i].exit_color = vec4(textured ? applied_color(made.base, m.exit_base.w) : vec3(1.0), made.strength);
-    hits[i].emissive = vec4(made.emissive, uintBitsToFloat(keys[hit.mesh]));
-    hits[i].sheet = made.sheet;
+    hits[i].albedo = vec4(is_opaque ? solid : textured ? applied_color(values.base, m.total.w) : vec3(1.0), hit.t);
+    hits[i].exit_color = vec4(textured ? applied_color(values.base, m.exit_base.w) : vec3(1.0), values.strength);
+    hits[i].emissive = vec4(values.emissive, uintBitsToFloat(keys[hit.mesh]));
+    hits[i].sheet = values.sheet;
     if (m.sheet.w > 0.0)
         write_far_side(i, i + pc.far_sides);
     hits[i].mesh = hit.mesh;
@@ -283,5 +283,5 @@ void main()
     if ((fr.flags & PELL_PICTURE_HITS) != 0u)
         method_hits[p.at] = uvec4(hit.mesh, hit.triangle, floatBitsToUint(vec2(hit.u, hit.v)));
     if ((fr.flags & PELL_PICTURE_BASES) != 0u)
-        method_bases[p.at] = vec4(made.base, 0.0);
+        method_bases[p.at] = vec4(values.base, 0.0);
 }

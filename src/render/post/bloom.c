@@ -6,7 +6,7 @@
 #include "shared/bloom.h"
 
 #define SMALL_SIGMA 2.0 /* pixels of the smaller size: below it the shape of its pixels would show */
-#define BAND 16         /* rows a task */
+#define BAND 16         /* rows per task */
 
 struct task {
     const struct pell_bloom_params *p;

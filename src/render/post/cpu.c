@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * cpu.c - see post.h. */
+ * cpu.c - see stage.h. */
 #include "render/post/stage.h"
 
 #include "image/color.h"
@@ -12,12 +12,16 @@
 #define ENVIRONMENT_WHITE 16.0f /* an environment behind the object may be brighter than the object by far */
 #define LARGEST_WHITE 1e12f     /* of the setting */
 #define NEGLIGIBLE 1e-27        /* mean irradiance, W/m^2, of which no pixel has a luminance that can be metered */
-#define METER_FACTOR 3.0        /* at most this times the key's exposure */
+#define METER_FACTOR 3.0        /* largest exposure, as a multiple of that for KEY */
 #define ASIDE 0.06f             /* weight of each neighbour along an axis in the pixel filter */
 #define BRIGHT 0.01             /* fraction of the covered pixels that the default white leaves above it */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
-enum { MOST_LOOKED_AT = 1 << 16, BIN_SHIFT = 19, BINS = 1 << (31 - BIN_SHIFT) }; /* 16 bins of luminance an octave */
+enum {
+    MAX_METERED = 1 << 16,
+    BIN_SHIFT = 19,
+    BINS = 1 << (31 - BIN_SHIFT)
+}; /* at most so many pixels are metered, into 16 bins of luminance per octave */
 
 struct task {
     const struct pell_post_params *p;
@@ -27,9 +31,9 @@ struct task {
     const struct pell_post_kernels *kernels;
     float exposure, white, white_scale; /* 1 / white^2 */
     bool curve;
-    struct pell_rect varied;          /* per-pixel background */
-    struct pell_rect filtered;        /* of the pixel filter */
-    struct pell_post_tone tone, over; /* over a single colour; already composited */
+    struct pell_rect varied;          /* pixels whose background is looked up */
+    struct pell_rect filtered;        /* pixels of the pixel filter */
+    struct pell_post_tone tone, over; /* for pixels over a single colour; for pixels that are already composited */
 };
 
 static void measure_row(void *arg, int index, int worker)
@@ -51,11 +55,7 @@ static void measure_row(void *arg, int index, int worker)
 
 static float bin_edge(uint32_t bin)
 {
-    const uint32_t bits = bin << BIN_SHIFT;
-    float edge;
-
-    memcpy(&edge, &bits, sizeof(edge));
-    return edge;
+    return pell_bits_float((int32_t) (bin << BIN_SHIFT));
 }
 
 /* Luminance that the fraction BRIGHT of the covered pixels exceeds, estimated on a regular grid; 0 if nothing is covered. */
@@ -63,7 +63,7 @@ static float bright_luminance(const struct task *t)
 {
     const struct pell_rect r = t->p->rect;
     const double area = fmax(0.0, r.x1 - r.x0) * fmax(0.0, r.y1 - r.y0);
-    const int step = 1 + (int) sqrt(area / MOST_LOOKED_AT);
+    const int step = 1 + (int) sqrt(area / MAX_METERED);
     uint32_t counts[BINS] = { 0 }, all = 0, above = 0, bin = BINS;
     float low, high;
 
@@ -72,11 +72,9 @@ static float bright_luminance(const struct task *t)
             const ptrdiff_t at = y * t->p->stride + x;
             const float a = t->alpha[at];
             const float l = PELL_LUMINANCE(t->color[0][at], t->color[1][at], t->color[2][at]) / a;
-            uint32_t bits;
             if (!(a > 0.5f && l >= 0.0f && l <= FLT_MAX))
                 continue;
-            memcpy(&bits, &l, sizeof(bits));
-            counts[bits >> BIN_SHIFT & (BINS - 1)]++;
+            counts[(uint32_t) pell_float_bits(l) >> BIN_SHIFT & (BINS - 1)]++;
             all++;
         }
     while (bin > 0 && (double) above <= BRIGHT * all && above < all)
@@ -117,7 +115,7 @@ static void unexpose(const struct task *t, const float shown[3], float rgb[3])
         rgb[c] = l > 0.0f ? shown[c] * (before / l) / t->exposure : 0.0f;
 }
 
-/* What a view sees of an environment, which is infinitely far away. */
+/* Radiance of the environment at a pixel of a view; it is infinitely far away. Returns false if there is none. */
 static bool environment_in(const struct task *t, const struct pell_view *view, int x, int y, float rgb[3])
 {
     struct pell_vec3 start, direction;
@@ -126,7 +124,7 @@ static bool environment_in(const struct task *t, const struct pell_view *view, i
     return pell_lights_background(t->p->lights, vec3_normalize(direction), rgb);
 }
 
-/* The lens's image of it. */
+/* The same through the lens. */
 static bool environment(const struct task *t, int x, int y, float rgb[3])
 {
     const int n = t->p->lens->radius > 0.0f ? t->p->settings->msaa : 1;
@@ -136,12 +134,12 @@ static bool environment(const struct task *t, int x, int y, float rgb[3])
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     for (int i = 0; i < n; i++) {
         struct pell_view view = *t->p->view;
-        float environment[3];
+        float radiance[3];
         pell_view_through(&view, t->p->lens, i, n);
-        if (!environment_in(t, &view, x, y, environment))
+        if (!environment_in(t, &view, x, y, radiance))
             return false;
         for (int c = 0; c < 3; c++)
-            rgb[c] += environment[c] / (float) n;
+            rgb[c] += radiance[c] / (float) n;
     }
     return true;
 }
@@ -174,7 +172,7 @@ static void background(const struct task *t, int x, int y, float rgb[3])
     }
 }
 
-/* What is shown of a colour. */
+/* Tone maps a colour. */
 static void show(const struct task *t, const float rgb[3], float shown[3])
 {
     float color[3] = { rgb[0], rgb[1], rgb[2] };
@@ -183,8 +181,8 @@ static void show(const struct task *t, const float rgb[3], float shown[3])
                        (float *const[]) { &shown[0], &shown[1], &shown[2] });
 }
 
-/* A partially covered pixel. Its foreground and background are tone mapped separately, then averaged: otherwise a rim far brighter than
- * white would be white as soon as it touches the pixel. */
+/* Finishes a partially covered pixel. Its foreground and background are tone mapped separately, then averaged: otherwise a rim far brighter
+ * than white would be white as soon as it touches the pixel. */
 static void blend(const struct task *t, ptrdiff_t at, const float background[3])
 {
     const float a = t->alpha[at];
@@ -213,7 +211,7 @@ static void finish_pixels(const struct task *t, const struct pell_post_tone *ton
 static void finish_varied(const struct task *t, int y, int x0, int x1)
 {
     const ptrdiff_t row = y * t->p->stride;
-    int first = x0; /* of those that are not finished */
+    int first = x0; /* first pixel that is not finished */
 
     for (int x = x0; x < x1; x++) {
         const float a = t->alpha[row + x];
@@ -233,7 +231,7 @@ static void finish_varied(const struct task *t, int y, int x0, int x1)
     finish_pixels(t, &t->over, row + first, x1 - first);
 }
 
-/* Pixels x0 to x1 of a row before one background. `covered`: something may cover them. */
+/* Finishes pixels x0 to x1 of a row, with a background that varies or does not. `covered`: something may cover them. */
 static void finish_piece(const struct task *t, int y, int x0, int x1, bool varied, bool covered)
 {
     const ptrdiff_t at = y * t->p->stride + x0;
@@ -251,7 +249,7 @@ static void finish_piece(const struct task *t, int y, int x0, int x1, bool varie
         finish_pixels(t, tone, at, x1 - x0);
 }
 
-static int within(int x, int least, int most)
+static int clamp(int x, int least, int most)
 {
     return x < least ? least : x > most ? most : x;
 }
@@ -260,7 +258,7 @@ static void finish_span(const struct task *t, int y, int x0, int x1, bool covere
 {
     const struct pell_rect *v = &t->varied;
     const bool crossed = y >= v->y0 && y < v->y1;
-    const int from = crossed ? within(v->x0, x0, x1) : x1, to = crossed ? within(v->x1, from, x1) : x1;
+    const int from = crossed ? clamp(v->x0, x0, x1) : x1, to = crossed ? clamp(v->x1, from, x1) : x1;
 
     finish_piece(t, y, x0, from, false, covered);
     finish_piece(t, y, from, to, true, covered);
@@ -303,7 +301,7 @@ static enum pell_result bloom(struct pell_pool *pool, const struct task *t, stru
 
     if (p->device)
         return pell_post_device_bloom(p->device, pool, &params, &t->over, planes, count, t->display, times);
-    pell_bloom_render(pool, &params, planes, count, p->glow);
+    pell_bloom_render(pool, &params, planes, count, p->bloom_scratch);
     pell_pool_run(pool, p->height, show_row, (void *) t);
     return PELL_OK;
 }
@@ -356,7 +354,7 @@ static void filter_pixels(struct pell_pool *pool, struct task *t)
 
     if (p->settings->pixel_filter == PELL_PIXEL_FILTER_BOX || p->settings->msaa == 1 || p->scene->background == PELL_BACKGROUND_TRANSPARENT)
         return;
-    if (t->tone.lay && p->settings->bloom == 0.0f && t->varied.x0 >= t->varied.x1) {
+    if (t->tone.composites && p->settings->bloom == 0.0f && t->varied.x0 >= t->varied.x1) {
         r.x0 = p->rect.x0 > 0 ? p->rect.x0 - 1 : 0;
         r.y0 = p->rect.y0 > 0 ? p->rect.y0 - 1 : 0;
         r.x1 = p->rect.x1 < p->width ? p->rect.x1 + 1 : p->width;
@@ -369,7 +367,7 @@ static void filter_pixels(struct pell_pool *pool, struct task *t)
     pell_pool_run(pool, r.y1 - r.y0, filter_down, t);
 }
 
-/* Where the background differs from pixel to pixel. */
+/* Bounds of the pixels whose background is looked up. */
 static struct pell_rect varied_background(const struct task *t)
 {
     const struct pell_scene *scene = t->p->scene;
@@ -384,7 +382,7 @@ static struct pell_rect varied_background(const struct task *t)
     return none;
 }
 
-/* A background of one colour: its radiance, and how it is shown. Others are looked up pixel by pixel, over black. */
+/* Prepares the tone curves, and a background of one colour: its radiance, and its displayed colour. Others are looked up per pixel. */
 static void prepare_background(struct task *t)
 {
     const struct pell_scene *scene = t->p->scene;
@@ -395,10 +393,10 @@ static void prepare_background(struct task *t)
                                         t->p->settings->tonemap == PELL_TONEMAP_FILMIC };
     t->tone = t->over;
     t->varied = varied_background(t);
-    t->tone.lay = !transparent && scene->background != PELL_BACKGROUND_ENVIRONMENT && !scene->background_image;
-    if (!t->tone.lay)
+    t->tone.composites = !transparent && scene->background != PELL_BACKGROUND_ENVIRONMENT && !scene->background_image;
+    if (!t->tone.composites)
         return;
-    t->tone.straight = 0.0f; /* foreground and background are tone mapped separately */
+    t->tone.min_alpha = 0.0f; /* foreground and background are tone mapped separately */
     unexpose(t, scene->background_color, t->tone.background);
     show(t, t->tone.background, t->tone.shown);
 }

@@ -18,7 +18,7 @@ enum buffer {
     TILES,
     TILES_DOWN,
     SUM,
-    ROOM,
+    SCRATCH,
     SHOWN,
     SHOWN_DOWN,
     BUFFERS
@@ -27,13 +27,13 @@ enum buffer {
 enum pass { LENS_MEASURE, LENS_BLUR, SPREAD, MIX, SHOW, PASSES };
 
 enum {
-    PLANES_MOST = 7,  /* that are copied at once */
-    COPIED_ROWS = 32, /* by a task */
-    LENS_PLANES = 5,  /* of a sample */
+    PLANES_MOST = 7,  /* copied at once */
+    COPIED_ROWS = 32, /* per task */
+    LENS_PLANES = 5,  /* per sample */
     TAPS = 2 * PELL_BLUR_RADIUS + 1,
     WEIGHTS = 2 * PELL_BLUR_MOST + TAPS, /* of a Gaussian, in the table */
-    BLOOM_TABLE = 2 * WEIGHTS,           /* more than the lens' */
-    LOW0 = 0,                            /* planes of the room: both Gaussians, and one between */
+    BLOOM_TABLE = 2 * WEIGHTS,           /* larger than the table of depth of field */
+    LOW0 = 0,                            /* planes of SCRATCH: both Gaussians, and one between their steps */
     LOW1 = 1,
     BETWEEN = 2
 };
@@ -49,8 +49,8 @@ struct pell_post_device {
     const char *lens_why, *bloom_why;
     int width, height;
     size_t plane;          /* floats, of an image */
-    bool lens, bloom;      /* there is room for them, or a reason */
-    bool table;            /* it is the lens' */
+    bool lens, bloom;      /* their buffers exist, or a reason why not is set */
+    bool lens_table;       /* TABLE holds the weights of depth of field */
     struct pell_rect rect; /* of the last sample's composite */
 };
 
@@ -82,7 +82,7 @@ void pell_post_device_drop(struct pell_post_device *d)
         pell_gpu_pass_destroy(&d->passes[i]);
     for (int i = 0; i < BUFFERS; i++)
         pell_gpu_buffer_destroy(&d->buffers[i]);
-    d->lens = d->bloom = d->table = false;
+    d->lens = d->bloom = d->lens_table = false;
     d->lens_why = d->bloom_why = NULL;
 }
 
@@ -108,7 +108,7 @@ const char *pell_post_device_refuses_bloom(const struct pell_post_device *d)
     return d->bloom_why;
 }
 
-/* --- Room ---------------------------------------------------------------------------------------------------------------------------- */
+/* --- Buffers and passes -------------------------------------------------------------------------------------------------------------- */
 
 static enum pell_result make_buffer(struct pell_post_device *d, enum buffer which, enum pell_gpu_memory memory, size_t floats,
                                     const char *name)
@@ -158,10 +158,10 @@ fail:
 
 static enum pell_result make_bloom(struct pell_post_device *d)
 {
-    static const enum buffer of_spread[] = { PLANES, ROOM, TABLE }, of_mix[] = { PLANES, ROOM }, of_show[] = { PLANES, SHOWN };
+    static const enum buffer of_spread[] = { PLANES, SCRATCH, TABLE }, of_mix[] = { PLANES, SCRATCH }, of_show[] = { PLANES, SHOWN };
     enum pell_result res;
 
-    PELL_TRY(make_buffer(d, ROOM, PELL_GPU_ON_DEVICE, 3 * d->plane, "bloom, room"));
+    PELL_TRY(make_buffer(d, SCRATCH, PELL_GPU_ON_DEVICE, 3 * d->plane, "bloom, room"));
     PELL_TRY(make_buffer(d, SHOWN, PELL_GPU_ON_DEVICE, 3 * d->plane, "shown"));
     PELL_TRY(make_buffer(d, SHOWN_DOWN, PELL_GPU_FROM_DEVICE, 3 * d->plane, "shown, download"));
     PELL_TRY(make_pass(d, SPREAD, &pell_post_bloom_spread_shader, of_spread));
@@ -208,13 +208,13 @@ fail:
 
 /* --- Copies -------------------------------------------------------------------------------------------------------------------------- */
 
-/* Rectangles of planes. */
+/* Copies rectangles of planes. */
 struct copy {
     const float *from[PLANES_MOST];
     float *to[PLANES_MOST];
     int count, rows, width; /* floats of a row */
     ptrdiff_t from_stride, to_stride;
-    float scale; /* of what is copied; 1: as it is */
+    float scale; /* factor of the values */
 };
 
 static void copy_band(void *arg, int band, int worker)
@@ -232,7 +232,7 @@ static void copy_band(void *arg, int band, int worker)
         }
 }
 
-/* Returns the seconds. */
+/* Returns the time, in seconds. */
 static double copy_planes(struct pell_pool *pool, struct copy *c)
 {
     const double start = pell_seconds();
@@ -247,7 +247,7 @@ static float *host(const struct pell_post_device *d, enum buffer which)
     return pell_gpu_buffer_host(d->buffers[which]);
 }
 
-/* Marks "upload", "run", "download" of the finished list, those of them that it has. */
+/* Adds the times of the finished list's marks, which are some of "upload", "run" and "download". */
 static void take_times(const struct pell_post_device *d, struct pell_post_device_times *times)
 {
     struct pell_gpu_time list[4];
@@ -291,7 +291,7 @@ struct depths_task {
     float *out;
 };
 
-/* 1 / depth of what is seen, else 0. */
+/* Writes 1 / depth of a row, 0 where nothing is visible. */
 static void invert_row(void *arg, int row, int worker)
 {
     const struct depths_task *t = arg;
@@ -389,13 +389,13 @@ enum pell_result pell_post_device_lens(struct pell_post_device *d, struct pell_p
     times->pack = pack_sample(d, pool, params->surface, &w, in);
     PELL_TRY(pell_gpu_begin(d->commands));
     pell_gpu_mark(d->commands, "upload");
-    if (!d->table)
+    if (!d->lens_table)
         send_lens_table(d, d->commands);
     pell_gpu_copy(d->commands, d->buffers[PLANES_UP], d->buffers[PLANES], LENS_PLANES * w.plane * FLOAT);
     pell_gpu_mark(d->commands, "run");
     run_lens(d, params, &w, d->commands);
     PELL_TRY(pell_gpu_finish(d->commands));
-    d->table = true;
+    d->lens_table = true;
     take_times(d, times);
     times->bytes_up = (int64_t) (LENS_PLANES * w.plane * FLOAT);
     /* An inverse depth becomes a disc; disc and colour become a sum. Neighbours come from caches. */
@@ -446,7 +446,7 @@ fail:
 
 /* --- Bloom and the tone curve -------------------------------------------------------------------------------------------------------- */
 
-/* Its weights, in the order in which they are read. */
+/* Writes a Gaussian's weights, in the order in which they are read. */
 static void fill_table(const struct pell_blur *b, float *table)
 {
     memcpy(table, b->grid_weight, (size_t) (b->last - b->first) * FLOAT);
@@ -454,8 +454,9 @@ static void fill_table(const struct pell_blur *b, float *table)
         table[2 * PELL_BLUR_MOST + b->radius + i] = b->tap[i < 0 ? -i : i];
 }
 
-/* A step that writes width x height values. Returns its bytes: overlapping ranges are read twice, neighbours of a Gaussian from caches. */
-static int64_t spread(struct pell_post_device *d, struct pell_spread_push *p, int width, int height)
+/* Records a step that writes width x height values. Returns its bytes: overlapping ranges are read twice, neighbours of a Gaussian from
+ * caches. */
+static int64_t bloom_step(struct pell_post_device *d, struct pell_bloom_push *p, int width, int height)
 {
     p->width = (uint32_t) width;
     p->height = (uint32_t) height;
@@ -463,37 +464,37 @@ static int64_t spread(struct pell_post_device *d, struct pell_spread_push *p, in
     return (int64_t) width * height * (int64_t) FLOAT * (1 + (p->factor > 1 ? 2 * p->factor : 1));
 }
 
-/* One Gaussian of a channel, made in a plane of the room. */
+/* Records one Gaussian of a channel, into plane `low` of SCRATCH. Returns its bytes. */
 static int64_t blur_channel(struct pell_post_device *d, const struct pell_blur *b, size_t channel, int low, uint32_t weights)
 {
     const uint32_t stride = (uint32_t) pell_plane_stride(d->width), plane = (uint32_t) d->plane, taps = weights + 2 * PELL_BLUR_MOST;
     const uint32_t from = (uint32_t) channel * plane, here = (uint32_t) low * plane, between = BETWEEN * plane;
     const bool smaller = b->factor > 1;
-    struct pell_spread_push down = { from,
-                                     between,
-                                     .of_color = 1,
-                                     .stride = stride,
-                                     .size = d->height,
-                                     .down = 1,
-                                     .factor = b->factor,
-                                     .first = b->first,
-                                     .last = b->last,
-                                     .weights = weights };
-    struct pell_spread_push along = {
+    struct pell_bloom_push down = { from,
+                                    between,
+                                    .of_color = 1,
+                                    .stride = stride,
+                                    .size = d->height,
+                                    .down = 1,
+                                    .factor = b->factor,
+                                    .first = b->first,
+                                    .last = b->last,
+                                    .weights = weights };
+    struct pell_bloom_push along = {
         between, here, .stride = stride, .size = d->width, .factor = b->factor, .first = b->first, .last = b->last, .weights = weights
     };
-    struct pell_spread_push rows = { smaller ? here : from, between,     .of_color = !smaller, .stride = stride,
-                                     .size = b->width,      .factor = 1, .first = -b->radius,  .last = b->radius + 1,
-                                     .weights = taps };
-    struct pell_spread_push columns = { between,        here,        .stride = stride,    .size = b->height,
-                                        .down = 1,      .factor = 1, .first = -b->radius, .last = b->radius + 1,
-                                        .weights = taps };
+    struct pell_bloom_push rows = { smaller ? here : from, between,     .of_color = !smaller, .stride = stride,
+                                    .size = b->width,      .factor = 1, .first = -b->radius,  .last = b->radius + 1,
+                                    .weights = taps };
+    struct pell_bloom_push columns = { between,        here,        .stride = stride,    .size = b->height,
+                                       .down = 1,      .factor = 1, .first = -b->radius, .last = b->radius + 1,
+                                       .weights = taps };
     int64_t bytes = 0;
 
     if (smaller)
-        bytes = spread(d, &down, d->width, b->height) + spread(d, &along, b->width, b->height);
-    bytes += spread(d, &rows, b->width, b->height);
-    return bytes + spread(d, &columns, b->width, b->height);
+        bytes = bloom_step(d, &down, d->width, b->height) + bloom_step(d, &along, b->width, b->height);
+    bytes += bloom_step(d, &rows, b->width, b->height);
+    return bytes + bloom_step(d, &columns, b->width, b->height);
 }
 
 static int64_t record_bloom(struct pell_post_device *d, const struct pell_blur blurs[2], const struct pell_bloom_params *params,
@@ -501,7 +502,7 @@ static int64_t record_bloom(struct pell_post_device *d, const struct pell_blur b
 {
     const uint32_t stride = (uint32_t) params->stride, plane = (uint32_t) d->plane;
     const uint32_t width = (uint32_t) d->width, height = (uint32_t) d->height;
-    const struct pell_show_push show = { stride,      width, height, plane, tone->exposure, tone->straight, tone->curve, tone->white_scale,
+    const struct pell_show_push show = { stride,      width, height, plane, tone->exposure, tone->min_alpha, tone->curve, tone->white_scale,
                                          tone->filmic };
     const int64_t pixels = (int64_t) d->width * d->height;
     int64_t bytes = 0;
@@ -547,7 +548,7 @@ enum pell_result pell_post_device_bloom(struct pell_post_device *d, struct pell_
     pell_bloom_plan(params, blurs);
     fill_table(&blurs[0], host(d, TABLE_UP));
     fill_table(&blurs[1], host(d, TABLE_UP) + WEIGHTS);
-    d->table = false; /* the lens' is overwritten */
+    d->lens_table = false; /* overwritten */
     for (size_t i = 0; i < count; i++) {
         c.from[i] = planes[i];
         c.to[i] = host(d, PLANES_UP) + i * d->plane;

@@ -14,15 +14,15 @@ enum {
     FAR = 10,
     OWN = 15,
     SUMS = 16
-}; /* a weight and four channels each; the last: of the pixel's own disc, as far as others reach */
+}; /* a weight and four channels each; the last: coverage of the pixel's own disc, as far as others reach */
 
 struct task {
     const struct pell_dof_params *p;
     float *const *in;
     float *const *out;
-    float *disc;   /* px, below 0 before the focus: rises with the depth */
-    float *weight; /* of a whole pixel of the disc: discs sum to one */
-    float *tiles;  /* the widest disc of each, were none cut */
+    float *disc;   /* radius, px; negative in front of the focus, increasing with depth */
+    float *weight; /* of a fully covered pixel of the disc: discs sum to one */
+    float *tiles;  /* radius of the widest disc of each tile, before clipping */
     int columns, rows;
     float table[PELL_LENS_TABLE]; /* weight by radius */
 };
@@ -42,14 +42,14 @@ void pell_dof_table(float table[PELL_LENS_TABLE])
     table[last + 1] = table[last];
 }
 
-/* What a whole pixel weighs of a disc of radius r, in [0, PELL_DOF_MOST]. */
+/* Weight of a fully covered pixel of a disc of radius r, in [0, PELL_DOF_MOST]. */
 static float weight_of(const struct task *t, float r)
 {
-    const float at = r * STEPS, whole = floorf(at);
-    return t->table[(int) whole] + (at - whole) * (t->table[(int) whole + 1] - t->table[(int) whole]);
+    const float at = r * STEPS, cell = floorf(at);
+    return t->table[(int) cell] + (at - cell) * (t->table[(int) cell + 1] - t->table[(int) cell]);
 }
 
-/* Discs and weights of a tile, and its widest. */
+/* Computes the discs and weights of a tile, and its widest disc. */
 static void measure(void *arg, int index, int worker)
 {
     struct task *t = arg;
@@ -64,19 +64,19 @@ static void measure(void *arg, int index, int worker)
         for (int x = x0; x < x1; x++) {
             const ptrdiff_t i = y * s->stride + x;
             const bool seen = x >= s->covered.x0 && x < s->covered.x1 && y >= s->covered.y0 && y < s->covered.y1 && s->material[i];
-            const float whole = pell_disc_radius(p->scale, 1.0f / p->focus, seen ? 1.0f / s->depth[i] : 0.0f);
-            float d = whole, r;
+            const float unclamped = pell_disc_radius(p->scale, 1.0f / p->focus, seen ? 1.0f / s->depth[i] : 0.0f);
+            float d = unclamped, r;
             d = d > (float) -PELL_DOF_MOST ? d < (float) PELL_DOF_MOST ? d : (float) PELL_DOF_MOST : (float) -PELL_DOF_MOST;
             r = fabsf(d);
             t->disc[i] = d;
             t->weight[i] = weight_of(t, r);
-            widest = seen && fabsf(whole) > widest ? fabsf(whole)
-                                                   : widest; /* an empty pixel gives nothing to others, however wide its disc is */
+            /* an empty pixel contributes nothing to others, however wide its disc is */
+            widest = seen && fabsf(unclamped) > widest ? fabsf(unclamped) : widest;
         }
     t->tiles[index] = widest;
 }
 
-/* Adds what pixels (dx, dy) away give to pixels x0 to x1 of row y. */
+/* Adds the light of pixels (dx, dy) away to pixels x0 to x1 of row y. */
 static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, float widest, float (*restrict sum)[TILE])
 {
     const struct pell_dof_params *p = t->p;
@@ -113,7 +113,7 @@ static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, 
     }
 }
 
-static float lay(float (*sum)[TILE], int channel, int i, float inside)
+static float composite(float (*sum)[TILE], int channel, int i, float inside)
 {
     return pell_disc_composite(sum[NEAR][i], sum[NEAR + channel][i], sum[SAME][i], sum[SAME + channel][i], sum[FAR][i],
                                sum[FAR + channel][i], inside);
@@ -153,7 +153,7 @@ static void blur(void *arg, int index, int worker)
             const ptrdiff_t i = y * p->surface->stride + x;
             const float inside = fminf(sum[OWN][x - x0] * weight_of(t, fminf(fabsf(t->disc[i]), widest)), 1.0f);
             for (int c = 0; c < 4; c++)
-                add(t, i, c, widest < SHARP ? t->in[c][i] : lay(sum, c + 1, x - x0, inside));
+                add(t, i, c, widest < SHARP ? t->in[c][i] : composite(sum, c + 1, x - x0, inside));
         }
     }
 }

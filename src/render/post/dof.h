@@ -12,7 +12,8 @@
  * focus do not bleed into what is in front of or behind them. Background hidden by a near object is missing in the sample's image; it is
  * assumed to be like the visible background inside the disc. With more samples the discs, and with them this error, are smaller.
  *
- * Discs are antialiased over one pixel. Their radius is limited to PELL_DOF_MOST pixels: a hundred times that of one of 64 samples.
+ * Discs are antialiased over one pixel. Their radius is limited to PELL_DOF_MOST pixels, and so that of the whole lens to sqrt(n) times as
+ * many.
  */
 #ifndef PELL_DOF_H
 #define PELL_DOF_H
@@ -37,7 +38,7 @@ struct pell_dof_params {
 float pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *params, float *const scratch[PELL_DOF_PLANES], float *tiles,
                       float *const out[4]);
 
-/* Normalization of a disc, so that discs sum to one: by radius, PELL_LENS_STEPS entries per pixel. */
+/* Weight of a fully covered pixel of a disc, so that discs sum to one: by radius, PELL_LENS_STEPS entries per pixel. */
 void pell_dof_table(float table[PELL_LENS_TABLE]);
 
 /* Number of floats in `tiles`. */

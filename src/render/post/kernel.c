@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernel.c - see row.h; compiled once per SIMD level. All levels give the same bits.
+ * kernel.c - see kernel.h; compiled once per SIMD level. All levels give the same bits.
  */
 #include "render/post/kernel.h"
 
@@ -14,26 +14,26 @@
 
 /* --- Measuring ------------------------------------------------------------------------------------------------------------------ */
 
-/* One logarithm is taken a row, of the product: a logarithm costs more than all the rest. */
+/* A product of many numbers, per lane: one logarithm per row is taken of it, since a logarithm costs more than all the rest. */
 struct product {
-    _Alignas(64) double of[LANES];
-    int64_t power; /* of two, besides */
-    int factors;   /* since the last was moved there */
+    _Alignas(64) double mantissa[LANES];
+    int64_t exponent; /* of the power of two that multiplies all of them */
+    int factors;      /* since the last call of normalize */
 };
 
-/* Moves the powers of two over, so that all stays far inside a double's range. */
+/* Moves powers of two from the mantissas to the exponent, so that products stay far inside a double's range. */
 static void normalize(struct product *restrict p)
 {
     _Alignas(64) int64_t bits[LANES];
     int64_t sum = 0;
 
-    memcpy(bits, p->of, sizeof(bits));
+    memcpy(bits, p->mantissa, sizeof(bits));
     for (int i = 0; i < LANES; i++) {
         sum += (bits[i] >> 52) - 1023;
         bits[i] = (bits[i] & 0xfffffffffffff) | (int64_t) 1023 << 52;
     }
-    memcpy(p->of, bits, sizeof(bits));
-    p->power += sum;
+    memcpy(p->mantissa, bits, sizeof(bits));
+    p->exponent += sum;
     p->factors = 0;
 }
 
@@ -43,8 +43,8 @@ static double logarithm(struct product *p)
 
     normalize(p);
     for (int i = 0; i < LANES; i++)
-        all *= p->of[i];
-    return log(all) + (double) p->power * LN2;
+        all *= p->mantissa[i];
+    return log(all) + (double) p->exponent * LN2;
 }
 
 static void clear_invalid(int count, float *restrict r, float *restrict g, float *restrict b, const float *a, struct pell_post_measure *out)
@@ -69,7 +69,7 @@ INLINE void finish_filmic(vf exposure, const vf v[3], float *const display[3], i
     store(display[2] + at, lesser(greater(PELL_FILMIC_FROM_B(x, y, z), all(0.0f)), all(1.0f)));
 }
 
-/* A whole block. */
+/* Measures a whole block. */
 INLINE void measure_block(float *restrict r, float *restrict g, float *restrict b, float *restrict a, struct product *restrict p,
                           float *restrict largest, struct pell_post_measure *restrict out)
 {
@@ -86,7 +86,7 @@ INLINE void measure_block(float *restrict r, float *restrict g, float *restrict 
     if (any(bad))
         clear_invalid(LANES, r, g, b, a, out);
     for (int at = 0; at < LANES; at += WIDTH) {
-        const vf sum = load(a + at), alpha = select(sum > 0.9999f, all(1.0f), sum); /* of weights 1/n */
+        const vf sum = load(a + at), alpha = select(sum > 0.9999f, all(1.0f), sum); /* a sum of weights 1/n is rounded */
         const vf l = PELL_LUMINANCE(load(r + at), load(g + at), load(b + at)) / select(alpha != 0.0f, alpha, all(1.0f));
         const vi on = (alpha > 0.5f) & (l > 1e-30f);
         const vf counted = select(on, l, all(0.0f)), before = load(largest + at);
@@ -96,7 +96,7 @@ INLINE void measure_block(float *restrict r, float *restrict g, float *restrict 
         out->count += (double) __builtin_popcount(members(on));
     }
     for (int i = 0; i < LANES; i++)
-        p->of[i] *= (double) factor[i];
+        p->mantissa[i] *= (double) factor[i];
     if (++p->factors == 8)
         normalize(p);
 }
@@ -104,12 +104,12 @@ INLINE void measure_block(float *restrict r, float *restrict g, float *restrict 
 static void measure(int count, float *const color[3], float *alpha, struct pell_post_measure *out)
 {
     _Alignas(64) float largest[LANES] = { 0 };
-    struct product p = { .power = 0 };
+    struct product p = { .exponent = 0 };
     int x = 0;
 
     *out = (struct pell_post_measure) { 0 };
     for (int i = 0; i < LANES; i++)
-        p.of[i] = 1.0;
+        p.mantissa[i] = 1.0;
     for (; x + LANES <= count; x += LANES)
         measure_block(color[0] + x, color[1] + x, color[2] + x, alpha + x, &p, largest, out);
     if (x < count) {
@@ -137,16 +137,16 @@ INLINE void put(const float v[3], int count, float *const planes[3], int x)
     }
 }
 
-/* A whole block. */
+/* Tone maps a whole block. */
 INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], const float *alpha, float *const display[3], int x)
 {
     for (int at = x; at < x + LANES; at += WIDTH) {
-        const vf a = load(alpha + at), transparency = 1.0f - a, e = t->exposure / select(a > t->straight, a, all(1.0f));
+        const vf a = load(alpha + at), transparency = 1.0f - a, e = t->exposure / select(a > t->min_alpha, a, all(1.0f));
         vf v[3], lum, l, scale;
 
         for (int c = 0; c < 3; c++) {
             v[c] = load(color[c] + at);
-            if (t->lay)
+            if (t->composites)
                 store(color[c] + at, v[c] + transparency * t->background[c]);
         }
         if (t->filmic) {
@@ -158,7 +158,7 @@ INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], 
             for (int c = 0; c < 3; c++)
                 store(display[c] + at, lesser(greater(v[c] * scale, all(0.0f)), all(1.0f)));
         }
-        for (int c = 0; t->lay && c < 3; c++)
+        for (int c = 0; t->composites && c < 3; c++)
             store(display[c] + at, a * load(display[c] + at) + transparency * t->shown[c]);
     }
 }
@@ -172,7 +172,7 @@ static void finish(const struct pell_post_tone *tone, int count, float *const co
         vi covered = { 0 };
         for (int at = x; at < x + LANES; at += WIDTH)
             covered |= load(alpha + at) != 0.0f;
-        if (t.lay && !any(covered)) { /* what is not covered is black */
+        if (t.composites && !any(covered)) { /* uncovered pixels are black */
             put(t.background, LANES, color, x);
             put(t.shown, LANES, display, x);
         } else {

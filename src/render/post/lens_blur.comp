@@ -20,8 +20,8 @@ layout(push_constant) uniform Push { pell_lens_push pc; };
 
 float weight_of(float r)
 {
-    const float at = r * float(PELL_LENS_STEPS), full = floor(at);
-    return table[int(full)] + (at - full) * (table[int(full) + 1] - table[int(full)]);
+    const float at = r * float(PELL_LENS_STEPS), cell = floor(at);
+    return table[int(cell)] + (at - cell) * (table[int(cell) + 1] - table[int(cell)]);
 }
 
 vec4 color_at(uint at)

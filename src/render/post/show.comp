@@ -27,10 +27,10 @@ void main()
     if (x >= pc.width || y >= pc.height)
         return;
     const vec3 color = vec3(image[at], image[pc.plane + at], image[2u * pc.plane + at]);
-    const float a = pc.straight < 1.0 ? image[3u * pc.plane + at] : 1.0, e = pc.exposure / (a > pc.straight ? a : 1.0);
+    const float a = pc.min_alpha < 1.0 ? image[3u * pc.plane + at] : 1.0, e = pc.exposure / (a > pc.min_alpha ? a : 1.0);
     const float l = max(e * PELL_LUMINANCE(color.r, color.g, color.b), 0.0);
-    const vec3 seen = pc.filmic != 0u ? filmic(e, color) : color * PELL_TONE_SCALE(e, l, pc.curve, pc.white_scale);
+    const vec3 mapped = pc.filmic != 0u ? filmic(e, color) : color * PELL_TONE_SCALE(e, l, pc.curve, pc.white_scale);
 
     for (uint c = 0u; c < 3u; c++)
-        shown[c * pc.plane + at] = clamp(seen[c], 0.0, 1.0);
+        shown[c * pc.plane + at] = clamp(mapped[c], 0.0, 1.0);
 }

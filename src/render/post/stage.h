@@ -35,7 +35,7 @@ struct pell_post_params {
     ptrdiff_t stride;
     const double *meter;             /* pell_accumulator.meter: 2 values per row */
     double *rows;                    /* scratch: 4 values per row */
-    float *const *glow;              /* scratch: PELL_BLOOM_PLANES planes; not read without bloom, or with a device */
+    float *const *bloom_scratch;     /* scratch: PELL_BLOOM_PLANES planes; not read without bloom, or with a device */
     float *const *unfiltered;        /* scratch: 3 planes */
     struct pell_post_device *device; /* for bloom, with room for it; NULL: the CPU */
 };

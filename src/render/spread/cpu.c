@@ -16,7 +16,7 @@ enum {
 };
 
 #define MIN_SIGMA 0.7f        /* px: standard deviation of the narrowest Gaussian where pixels are finest */
-#define REACH2 11.0f          /* variances: pell_spread_weight */
+#define REACH2 11.0f          /* squared reach of pell_spread_weight over its variance */
 #define MIN_TRANSMITTED 2e-3f /* of the light that arrives at the far side: a smaller transmitted fraction is not spread */
 #define MAX_SPACING 0.75f     /* largest distance between taps, in standard deviations */
 

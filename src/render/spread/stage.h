@@ -28,8 +28,8 @@ struct pell_spread_params {
     const float *path;                                   /* as in struct pell_lighting */
     float depth_mm, fixed_mm;                            /* a pixel at depth d is d depth_mm + fixed_mm wide */
     float *transmitted[3];                               /* modified in place */
-    float *sum[3], *half[3];                             /* scratch; initial content is ignored */
-    uint8_t *lit[2];                                     /* scratch: pell_spread_blocks(stride) entries per row of the image each */
+    float *sum[3], *half[3]; /* scratch: the blurred light, and that of the first axis; initial content is ignored */
+    uint8_t *lit[2];         /* scratch: pell_spread_blocks(stride) entries per row of the image each */
 };
 
 /* Number of blocks per row for which it is recorded whether they contain light. */
@@ -46,7 +46,7 @@ struct pell_spread_found {
 
 enum { PELL_SPREAD_LEVELS = 8 }; /* the widest has a standard deviation of 2^7 times the narrowest's */
 
-/* The Gaussians between which light is split, from the widest, number `levels`, to number 1. */
+/* The Gaussians between which light is split, from the widest, level `levels`, to level 1. */
 struct pell_spread_plan {
     int levels;
     float variance[PELL_SPREAD_LEVELS + 1]; /* mm^2: 0, then of each Gaussian */

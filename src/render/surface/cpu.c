@@ -8,7 +8,7 @@
 
 PELL_SIMD_TABLES(struct pell_surface_kernels, pell_surface_kernels);
 
-#define PLANES 24 /* of floats: all but the last, and material */
+#define PLANES 24 /* planes of floats, without `reflection` */
 
 struct scratch {
     void *planes;
@@ -110,7 +110,7 @@ static void tile_task(void *arg, int index, int worker)
     scratch->kernels->tile(job, index);
 }
 
-/* Whether the surface's raster exists and can be used. */
+/* Draws the surface's raster, if it exists and can be used; false: rays are traced instead. */
 static bool draw(struct pell_pool *pool, const struct surface_job *job)
 {
     const struct pell_view *v = job->view;
@@ -144,7 +144,7 @@ static struct surface_job make_job(const struct pell_rays *rays, const struct pe
         .scene = scene,
         .view = view,
         .out = surface,
-        /* The bounds exclude the generated ground. */
+        /* the scene's bounds exclude the generated ground */
         .rect = scene->ground_mesh < 0 ? pell_view_rect(view, scene->bounds_min, scene->bounds_max)
                                        : (struct pell_rect) { 0, 0, view->width, view->height },
         .bands = scratch->bands,

@@ -199,12 +199,13 @@ static void measure_bumps(struct hits *h, const float16 *restrict rgba)
     }
 }
 
+/* Widens lobes by the bumps of the normal map. */
 static void widen_lobes(const struct hits *h, float *restrict roughness)
 {
-    const bool whole = h->material->specular == PELL_SPECULAR_KELEMEN;
+    const bool linear = h->material->specular == PELL_SPECULAR_KELEMEN;
 
     for (int i = 0; i < LANES; i++)
-        roughness[i] = pell_bumpy_roughness(roughness[i], h->bumps[i], whole);
+        roughness[i] = pell_bumpy_roughness(roughness[i], h->bumps[i], linear);
 }
 
 /* Normal mapping as glTF 2.0, section 3.9.3, and the tangent frame of section 3.7.2.1: b = w n x t, green is +b. */
@@ -225,9 +226,9 @@ static void map_normals(struct hits *h, struct vec16 *restrict n)
         const float bx = s * (ny * tz - nz * ty), by = s * (nz * tx - nx * tz), bz = s * (nx * ty - ny * tx);
         const float a = scale * (2.0f * rgba[0][i] - 1.0f), b = scale * (2.0f * rgba[1][i] - 1.0f), c = 2.0f * rgba[2][i] - 1.0f;
         const float x = a * tx + b * bx + c * nx, y = a * ty + b * by + c * ny, z = a * tz + b * bz + c * nz;
-        const float length = x * x + y * y + z * z;
-        const bool good = tt > 0.0f && length > 1e-8f;
-        const float inverse = 1.0f / sqrtf(good ? length : 1.0f);
+        const float length2 = x * x + y * y + z * z;
+        const bool good = tt > 0.0f && length2 > 1e-8f;
+        const float inverse = 1.0f / sqrtf(good ? length2 : 1.0f);
         n->x[i] = good ? x * inverse : nx;
         n->y[i] = good ? y * inverse : ny;
         n->z[i] = good ? z * inverse : nz;
@@ -280,10 +281,10 @@ static void terminator_offsets(const struct hits *h, const struct vec16 v[restri
             const float side = dot(&v[k], n, i) < 0.0f ? -1.0f : 1.0f; /* seen from inside, the normals are inverted */
             const float under =
                 side * ((p[k].x[i] - at.x[i]) * v[k].x[i] + (p[k].y[i] - at.y[i]) * v[k].y[i] + (p[k].z[i] - at.z[i]) * v[k].z[i]);
-            const float share = side * w[i] * fabsf(under);
-            sum.x[i] += share * v[k].x[i];
-            sum.y[i] += share * v[k].y[i];
-            sum.z[i] += share * v[k].z[i];
+            const float weight = side * w[i] * fabsf(under);
+            sum.x[i] += weight * v[k].x[i];
+            sum.y[i] += weight * v[k].y[i];
+            sum.z[i] += weight * v[k].z[i];
         }
     }
     for (int i = 0; i < LANES; i++) {
@@ -336,9 +337,9 @@ static void shading_normals(struct hits *h, const struct vec16 v[restrict 3], co
 
     blend(h, v, &n);
     for (int i = 0; i < LANES; i++) {
-        const float length = dot(&n, &n, i);
-        const bool good = length > 1e-8f;
-        const float inverse = 1.0f / sqrtf(good ? length : 1.0f);
+        const float length2 = dot(&n, &n, i);
+        const bool good = length2 > 1e-8f;
+        const float inverse = 1.0f / sqrtf(good ? length2 : 1.0f);
         n.x[i] = good ? n.x[i] * inverse : ng->x[i];
         n.y[i] = good ? n.y[i] * inverse : ng->y[i];
         n.z[i] = good ? n.z[i] * inverse : ng->z[i];
@@ -357,7 +358,7 @@ static void shading_normals(struct hits *h, const struct vec16 v[restrict 3], co
 
 /* --- Materials ---------------------------------------------------------------------------------------------------------------- */
 
-static void factor(float *restrict out, float value)
+static void fill(float *restrict out, float value)
 {
     for (int i = 0; i < LANES; i++)
         out[i] = value;
@@ -381,7 +382,7 @@ static bool same_look_up(const struct pell_texture_map *a, const struct pell_tex
 }
 
 /* Multiplies by one channel of a map. */
-static void number(struct hits *h, enum pell_map map, float *restrict out)
+static void multiply_channel(struct hits *h, enum pell_map map, float *restrict out)
 {
     const int channel = pell_material_map(h->material, map)->channel & 3;
     float16 rgba[4];
@@ -390,7 +391,8 @@ static void number(struct hits *h, enum pell_map map, float *restrict out)
         multiply(out, rgba[channel]);
 }
 
-static void colour(struct hits *h, enum pell_map map, float16 *restrict out)
+/* Multiplies by the colour of a map. */
+static void multiply_color(struct hits *h, enum pell_map map, float16 *restrict out)
 {
     float16 rgba[4];
 
@@ -405,12 +407,12 @@ static void shade_sheet(struct hits *h, struct shaded *restrict s)
     const struct pell_material *m = h->material;
     float16 through;
 
-    factor(through, pell_material_is_thin(m) ? m->diffuse_transmission : 0.0f);
+    fill(through, pell_material_is_thin(m) ? m->diffuse_transmission : 0.0f);
     for (int c = 0; c < 3; c++)
-        factor(s->transmission[c], m->diffuse_transmission_color[c]);
+        fill(s->transmission[c], m->diffuse_transmission_color[c]);
     if (pell_material_is_thin(m)) {
-        number(h, PELL_MAP_TRANSMISSION, through);
-        colour(h, PELL_MAP_TRANSMISSION_COLOR, s->transmission);
+        multiply_channel(h, PELL_MAP_TRANSMISSION, through);
+        multiply_color(h, PELL_MAP_TRANSMISSION_COLOR, s->transmission);
     }
     clamp(through, 0.0f, 1.0f);
     for (int i = 0; i < LANES; i++)
@@ -427,14 +429,14 @@ static void shade_material(struct hits *h, const struct pell_surface *out, struc
     float16 rgba[4];
 
     for (int c = 0; c < 3; c++) {
-        factor(s->base[c], m->base_color[c]);
-        factor(s->specular[c], m->rho_s * m->specular_color[c]);
+        fill(s->base[c], m->base_color[c]);
+        fill(s->specular[c], m->rho_s * m->specular_color[c]);
     }
-    factor(s->roughness, m->roughness);
-    factor(s->metallic, m->metallic);
-    factor(s->strength, m->strength);
+    fill(s->roughness, m->roughness);
+    fill(s->metallic, m->metallic);
+    fill(s->strength, m->strength);
 
-    colour(h, PELL_MAP_BASE, s->base);
+    multiply_color(h, PELL_MAP_BASE, s->base);
     if (h->mesh->color) {
         struct vec16 color;
         interpolate3(h, h->mesh->color, 4, &color);
@@ -442,7 +444,7 @@ static void shade_material(struct hits *h, const struct pell_surface *out, struc
         multiply(s->base[1], color.y);
         multiply(s->base[2], color.z);
     }
-    /* glTF packs both into one image: one lookup */
+    /* glTF packs both into one image: one lookup suffices */
     if (m->metallic > 0.0f && same_look_up(&m->roughness_map, &m->metallic_map)) {
         const int r = m->roughness_map.channel & 3, k = m->metallic_map.channel & 3;
         if (look_up(h, PELL_MAP_ROUGHNESS, 1u << r | 1u << k, rgba)) {
@@ -450,31 +452,31 @@ static void shade_material(struct hits *h, const struct pell_surface *out, struc
             multiply(s->metallic, rgba[k]);
         }
     } else {
-        number(h, PELL_MAP_ROUGHNESS, s->roughness);
+        multiply_channel(h, PELL_MAP_ROUGHNESS, s->roughness);
         if (m->metallic > 0.0f)
-            number(h, PELL_MAP_METALLIC, s->metallic);
+            multiply_channel(h, PELL_MAP_METALLIC, s->metallic);
     }
     if (h->bumpy)
         widen_lobes(h, s->roughness);
-    clamp(s->roughness, 0.03f, 1.0f);
+    clamp(s->roughness, PELL_ROUGHNESS_MIN, 1.0f);
     clamp(s->metallic, 0.0f, 1.0f);
     if (m->rho_s_map.texture) {
         float16 rho;
-        factor(rho, 1.0f);
-        number(h, PELL_MAP_RHO_S, rho);
+        fill(rho, 1.0f);
+        multiply_channel(h, PELL_MAP_RHO_S, rho);
         for (int c = 0; c < 3; c++)
             multiply(s->specular[c], rho);
     }
-    colour(h, PELL_MAP_SPECULAR, s->specular);
-    number(h, PELL_MAP_STRENGTH, s->strength);
+    multiply_color(h, PELL_MAP_SPECULAR, s->specular);
+    multiply_channel(h, PELL_MAP_STRENGTH, s->strength);
     clamp(s->strength, 0.0f, 1.0f);
     if (out->any_thin)
         shade_sheet(h, s);
     if (out->any_emissive) {
         for (int c = 0; c < 3; c++)
-            factor(s->emissive[c], m->emissive[c]);
+            fill(s->emissive[c], m->emissive[c]);
         if (m->emissive[0] > 0.0f || m->emissive[1] > 0.0f || m->emissive[2] > 0.0f)
-            colour(h, PELL_MAP_EMISSIVE, s->emissive);
+            multiply_color(h, PELL_MAP_EMISSIVE, s->emissive);
     }
 }
 

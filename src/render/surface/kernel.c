@@ -10,7 +10,7 @@
 
 /* --- A packet ----------------------------------------------------------------------------------------------------------------- */
 
-/* Computes the surface from the rays and their hits. */
+/* Computes masks, barycentric weights and view directions of the lanes. */
 static void prepare(const struct pell_ray_hit16 *restrict p, struct hits *restrict h)
 {
     for (int i = 0; i < LANES; i++)
@@ -30,7 +30,7 @@ static void prepare(const struct pell_ray_hit16 *restrict p, struct hits *restri
     }
 }
 
-/* The lanes in `lanes`, which hit one mesh; `known`: corners of all lanes, on this mesh, or NULL. */
+/* Computes the surface in the lanes of `lanes`, which hit one mesh; `known`: corners of all lanes, on this mesh, or NULL. */
 static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p, const struct pell_corners *known, uint32_t lanes,
                   struct shaded *restrict s)
 {
@@ -127,7 +127,7 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
 
 #define LINE 16 /* floats of a cache line */
 
-/* Prefetches the cache lines of a row that `store` writes. There are more than hardware prefetchers follow. */
+/* Prefetches the cache lines of a row that `store` writes. There are more streams than hardware prefetchers follow. */
 PELL_FETCHING_INLINE void fetch(const struct pell_surface *out, int x, int y)
 {
     const ptrdiff_t at = (ptrdiff_t) y * out->stride + x;
@@ -157,8 +157,9 @@ static void cover(struct pell_rect *r, int x, int y, uint32_t lanes)
     r->y1 = y1 > r->y1 ? y1 : r->y1;
 }
 
-static void see(const struct surface_job *job, int x, int y, int rows, const struct pell_ray_hit16 *p, const struct pell_corners *known,
-                uint32_t hits, struct surface_band *band)
+/* Computes and stores the surface at the hits of a packet. */
+static void shade_packet(const struct surface_job *job, int x, int y, int rows, const struct pell_ray_hit16 *p,
+                         const struct pell_corners *known, uint32_t hits, struct surface_band *band)
 {
     uint16_t material[LANES] = { 0 };
     uint32_t translucent = 0;
@@ -167,30 +168,30 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
 
     for (uint32_t left = hits; left;) {
         const uint32_t mesh = p->hit.mesh[__builtin_ctz(left)];
-        const int number = job->scene->meshes[mesh].material;
-        const bool opaque = job->scene->materials[number].opaque;
+        const int index = job->scene->meshes[mesh].material;
+        const bool opaque = job->scene->materials[index].opaque;
         uint32_t lanes = 0;
 
-        plain = plain && pell_surface_is_plain(&job->scene->materials[number]);
+        plain = plain && pell_surface_is_plain(&job->scene->materials[index]);
         for (int i = 0; i < LANES; i++)
             lanes |= (uint32_t) (p->hit.mesh[i] == mesh) << i;
         lanes &= left;
         for (int i = 0; i < LANES; i++)
-            material[i] = (lanes >> i & 1) ? (uint16_t) (number + 1) : material[i];
+            material[i] = (lanes >> i & 1) ? (uint16_t) (index + 1) : material[i];
         if (lanes == hits) {
             shade(job, p, known, lanes, &s);
         } else {
-            struct shaded some;
+            struct shaded part;
             if (left == hits)
                 memset(&s, 0, sizeof(s));
             if (!job->out->any_emissive)
-                memset(some.emissive, 0, sizeof(some.emissive));
+                memset(part.emissive, 0, sizeof(part.emissive));
             if (!job->out->any_thin) {
-                memset(some.transmission, 0, sizeof(some.transmission));
-                memset(some.reflection, 0, sizeof(some.reflection));
+                memset(part.transmission, 0, sizeof(part.transmission));
+                memset(part.reflection, 0, sizeof(part.reflection));
             }
-            shade(job, p, NULL, lanes, &some);
-            merge(&s, &some, lanes);
+            shade(job, p, NULL, lanes, &part);
+            merge(&s, &part, lanes);
         }
         translucent |= opaque ? 0 : lanes;
         left &= ~lanes;
@@ -204,8 +205,8 @@ static void see(const struct surface_job *job, int x, int y, int rows, const str
     }
 }
 
-/* Rays through a packet's pixels. */
-static void aim(const struct pell_view *view, int x, int y, struct pell_ray16 *restrict ray)
+/* Sets origins and directions of the rays through a packet's pixels. */
+static void set_rays(const struct pell_view *view, int x, int y, struct pell_ray16 *restrict ray)
 {
     const struct pell_view v = *view;
 
@@ -228,7 +229,7 @@ static inline int within(const struct pell_view *view, int x, int y, int i)
 }
 
 /* Number of pixels from a to b in packets that overlap `from` to `to`. */
-static int of_packets(int a, int b, int from, int to)
+static int pixels_in_packets(int a, int b, int from, int to)
 {
     const int low = from & ~(SURFACE_PACKET_SIDE - 1), high = (to + SURFACE_PACKET_SIDE - 1) & ~(SURFACE_PACKET_SIDE - 1);
     const int c = a > low ? a : low, d = b < high ? b : high;
@@ -236,11 +237,11 @@ static int of_packets(int a, int b, int from, int to)
     return d > c ? d - c : 0;
 }
 
-static PELL_FETCHING void trace_tile(const struct surface_job *job, int number)
+static PELL_FETCHING void trace_tile(const struct surface_job *job, int index)
 {
     const struct pell_surface *out = job->out;
     const struct pell_raster *raster = out->raster;
-    const int x0 = number % pell_raster_columns(raster) * PELL_RASTER_TILE, y0 = number / pell_raster_columns(raster) * PELL_RASTER_TILE;
+    const int x0 = index % pell_raster_columns(raster) * PELL_RASTER_TILE, y0 = index / pell_raster_columns(raster) * PELL_RASTER_TILE;
     const int x1 = x0 + PELL_RASTER_TILE < out->width ? x0 + PELL_RASTER_TILE : out->width;
     const int y1 = y0 + PELL_RASTER_TILE < out->height ? y0 + PELL_RASTER_TILE : out->height;
     const ptrdiff_t end = x0 + PELL_RASTER_TILE < out->stride ? x0 + PELL_RASTER_TILE : out->stride;
@@ -251,9 +252,9 @@ static PELL_FETCHING void trace_tile(const struct surface_job *job, int number)
     struct pell_ray_hit16 p;
     bool any;
 
-    any = pell_raster_tile(raster, number, &tile);
+    any = pell_raster_tile(raster, index, &tile);
     if (r.x0 < r.x1)
-        band.rays = (int64_t) of_packets(x0, x1, r.x0, r.x1) * of_packets(y0, y1, r.y0, r.y1);
+        band.rays = (int64_t) pixels_in_packets(x0, x1, r.x0, r.x1) * pixels_in_packets(y0, y1, r.y0, r.y1);
     for (int y = y0; y < y1; y++)
         memset(out->material + y * out->stride + x0, 0, (size_t) (end - x0) * sizeof(*out->material));
     for (int k = 0; any && k < PELL_RASTER_BLOCKS * PELL_RASTER_BLOCKS; k++) {
@@ -265,22 +266,22 @@ static PELL_FETCHING void trace_tile(const struct surface_job *job, int number)
             triangle[i] |= ~within(job->view, x, y, i);
             hits |= (uint32_t) (triangle[i] >= 0) << i;
         }
-        /* a line of one row of the next blocks: by then all had their turn */
+        /* a line of one row of the next blocks; all lines have been prefetched when they are reached */
         fetch(out, x0 + k % 2 * LINE, y0 + k / PELL_RASTER_BLOCKS * SURFACE_PACKET_SIDE + SURFACE_PACKET_SIDE + k % PELL_RASTER_BLOCKS / 2);
         if (!hits)
             continue;
-        aim(job->view, x, y, &p.ray);
+        set_rays(job->view, x, y, &p.ray);
         pell_raster_intersect16(raster, triangle, &p, &corners);
-        see(job, x, y, y1 - y < SURFACE_PACKET_SIDE ? y1 - y : SURFACE_PACKET_SIDE, &p, &corners, hits, &band);
+        shade_packet(job, x, y, y1 - y < SURFACE_PACKET_SIDE ? y1 - y : SURFACE_PACKET_SIDE, &p, &corners, hits, &band);
     }
-    job->bands[number] = band;
+    job->bands[index] = band;
 }
 
-static PELL_FETCHING void trace_band(const struct surface_job *job, int number)
+static PELL_FETCHING void trace_band(const struct surface_job *job, int index)
 {
     const struct pell_view *view = job->view;
     const struct pell_surface *out = job->out;
-    const int y0 = number * SURFACE_BAND_ROWS, y1 = y0 + SURFACE_BAND_ROWS < view->height ? y0 + SURFACE_BAND_ROWS : view->height;
+    const int y0 = index * SURFACE_BAND_ROWS, y1 = y0 + SURFACE_BAND_ROWS < view->height ? y0 + SURFACE_BAND_ROWS : view->height;
     struct surface_band band = { .covered = { INT_MAX, INT_MAX, 0, 0 }, .translucent = { INT_MAX, INT_MAX, 0, 0 } };
     struct pell_ray_hit16 p;
 
@@ -300,7 +301,7 @@ static PELL_FETCHING void trace_band(const struct surface_job *job, int number)
 
             if (y + rows <= job->rect.y0 || y >= job->rect.y1)
                 continue;
-            aim(view, x, y, &p.ray);
+            set_rays(view, x, y, &p.ray);
             for (int i = 0; i < LANES; i++) {
                 p.ray.tfar[i] = INFINITY;
                 valid[i] = within(view, x, y, i);
@@ -312,18 +313,18 @@ static PELL_FETCHING void trace_band(const struct surface_job *job, int number)
                 hits |= (uint32_t) (p.hit.mesh[i] != PELL_NO_HIT) << i;
             if (!hits || job->bare)
                 continue;
-            /* the next line of one row: by then all rows of the band had their turn */
+            /* the next line of one row; all rows of the band have been prefetched when x reaches it */
             fetch(out, x / LINE * LINE + LINE, y0 + x % LINE / SURFACE_PACKET_SIDE + (y - y0));
-            see(job, x, y, rows, &p, NULL, hits, &band);
+            shade_packet(job, x, y, rows, &p, NULL, hits, &band);
         }
-    job->bands[number] = band;
+    job->bands[index] = band;
 }
 
 static void look(const struct surface_job *job, const struct pell_ray_hit16 *packet, uint32_t hits)
 {
     struct surface_band band = { .covered = { INT_MAX, INT_MAX, 0, 0 }, .translucent = { INT_MAX, INT_MAX, 0, 0 } };
 
-    see(job, 0, 0, SURFACE_PACKET_SIDE, packet, NULL, hits, &band);
+    shade_packet(job, 0, 0, SURFACE_PACKET_SIDE, packet, NULL, hits, &band);
 }
 
 extern const struct pell_surface_kernels PELL_SIMD(pell_surface_kernels);

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * kernel.h - shared by cpu.c and kernel.c. */
-#ifndef PELL_SURFACE_PACKET_H
-#define PELL_SURFACE_PACKET_H
+#ifndef PELL_SURFACE_KERNEL_H
+#define PELL_SURFACE_KERNEL_H
 
 #include "base/simd.h"
 #include "render/surface/mipmaps.h"
 
-/* Packets of 4 x 4 pixels: against 16 x 1 they take a quarter less time for the rays of a head, and 8 x 2 is between. */
+/* Packets of 4 x 4 pixels: the rays of a head take a quarter less time than in packets of 16 x 1; 8 x 2 is in between. */
 #define SURFACE_PACKET_SIDE 4
 #define SURFACE_BAND_ROWS 8
 
@@ -21,7 +21,7 @@ struct surface_job {
     const struct pell_scene *scene;
     const struct pell_view *view;
     struct pell_surface *out;
-    struct pell_rect rect; /* to trace */
+    struct pell_rect rect; /* pixels to trace */
     struct surface_band *bands;
     const struct surface_decode *decode;
     bool bare; /* trace the rays only */

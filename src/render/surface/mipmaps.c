@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * mipmaps.c - textures at smaller sizes (Williams 1983, "Pyramidal Parametrics"), made once a scene.
+ * mipmaps.c - textures at smaller sizes (Williams 1983, "Pyramidal Parametrics"), made once per scene.
  *
- * A 4k map on a head that fills a third of 720p has some ten texels a pixel: one bilinear look-up a pixel would alias, and its texels
- * come from memory one cache line each. The surface stage knows a pixel's area on the surface exactly (see packet.c), so a pyramid
+ * A 4k map on a head that fills a third of 720p has some ten texels per pixel: one bilinear look-up per pixel would alias, and its texels
+ * come from memory one cache line each. The surface stage knows a pixel's area on the surface exactly (see hits16.h), so a pyramid
  * with the right level is both the cheapest and the best filter of its price; anisotropy is left to multisampling. */
 #include "render/surface/mipmaps.h"
 
@@ -62,14 +62,14 @@ static inline uint64_t source_texel(const struct halving *h, int x, int y)
     return from > 0 ? h->pyramid->texels[from][at] : surface_texel(&h->pyramid->image, h->decode, at);
 }
 
-/* Mean of four, field by field: sums of four 16 bit numbers fit where every other field is left out. */
+/* Mean of four texels, field by field: sums of four 16 bit numbers fit if every other field is masked out. */
 static inline uint64_t mean4(uint64_t a, uint64_t b, uint64_t c, uint64_t d)
 {
-    const uint64_t uniform = 0x0000ffff0000ffffull, half = 0x0000000200000002ull;
-    const uint64_t low = (a & uniform) + (b & uniform) + (c & uniform) + (d & uniform) + half;
-    const uint64_t high = (a >> 16 & uniform) + (b >> 16 & uniform) + (c >> 16 & uniform) + (d >> 16 & uniform) + half;
+    const uint64_t even_fields = 0x0000ffff0000ffffull, rounding = 0x0000000200000002ull;
+    const uint64_t low = (a & even_fields) + (b & even_fields) + (c & even_fields) + (d & even_fields) + rounding;
+    const uint64_t high = (a >> 16 & even_fields) + (b >> 16 & even_fields) + (c >> 16 & even_fields) + (d >> 16 & even_fields) + rounding;
 
-    return (low >> 2 & uniform) | (high >> 2 & uniform) << 16;
+    return (low >> 2 & even_fields) | (high >> 2 & even_fields) << 16;
 }
 
 /* Colours with straight alpha are weighted by it, so that what is transparent does not bleed. */
@@ -170,7 +170,7 @@ static enum pell_result build(struct pell_mips *mips, struct pyramid *p, const s
     return PELL_OK;
 }
 
-/* --- One pyramid an image ----------------------------------------------------------------------------------------------------- */
+/* --- One pyramid per image ----------------------------------------------------------------------------------------------------- */
 
 static int by_pixels(const void *a, const void *b)
 {
@@ -180,7 +180,7 @@ static int by_pixels(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Images that some material reads with a filter, each once: textures that differ in their sampler alone share pixels. */
+/* Images that some material reads with a filter, each once: textures that differ in their sampler level0 share pixels. */
 static enum pell_result collect(struct pell_mips *mips, const struct pell_scene *scene)
 {
     size_t count = 0, kept = 0;
@@ -255,7 +255,7 @@ static uint32_t rgba8(const struct pell_image *image, size_t at)
 
 enum { KIND_BYTES = 1, KIND_SRGB = 2, KIND_FLOATS = 4, KIND_SMALLER_FLOATS = 8 };
 
-/* Writes a texel of a level; returns its words. */
+/* Writes a texel of a level; returns its number of words. */
 static size_t put_texel(const struct pyramid *p, const struct surface_decode *decode, uint32_t kind, int level, size_t i, uint32_t *out)
 {
     const bool bytes = level == 0 && (kind & KIND_BYTES), floats = kind & (level == 0 ? KIND_FLOATS : KIND_SMALLER_FLOATS);
@@ -279,8 +279,8 @@ static size_t put_texel(const struct pyramid *p, const struct surface_decode *de
     return bytes ? 1 : 2;
 }
 
-/* Writes an image from word `first` on; returns the word behind it. What is not filtered is written as it is, not of 16 bits. */
-static size_t put_picture(const struct pyramid *p, const struct surface_decode *decode, bool unfiltered, size_t first, uint32_t *out)
+/* Writes an image from word `first` on; returns the word after it. `unfiltered`: texels are written as floats, not with 16 bits. */
+static size_t put_image(const struct pyramid *p, const struct surface_decode *decode, bool unfiltered, size_t first, uint32_t *out)
 {
     const bool floats = p->image.type == PELL_PIXEL_F32;
     const uint32_t kind = floats ? KIND_FLOATS | KIND_SMALLER_FLOATS
@@ -340,7 +340,7 @@ size_t pell_mips_words(const struct pell_mips *mips, const struct pell_scene *sc
         for (size_t i = 0; out && i < maps; i++)
             if (mips->slots[i] == &mips->pyramids[k])
                 out[PELL_MIPS_HEAD + i * PELL_MIPS_MAP] = (uint32_t) at;
-        at = put_picture(&mips->pyramids[k], &decode, false, at, out);
+        at = put_image(&mips->pyramids[k], &decode, false, at, out);
     }
     for (size_t i = 0; i < maps; i++) {
         const struct pell_texture *t = texture_of(scene, i);
@@ -352,8 +352,8 @@ size_t pell_mips_words(const struct pell_mips *mips, const struct pell_scene *sc
         if (out)
             out[PELL_MIPS_HEAD + i * PELL_MIPS_MAP] = first < i ? out[PELL_MIPS_HEAD + first * PELL_MIPS_MAP] : (uint32_t) at;
         if (first == i) {
-            const struct pyramid alone = pyramid_of(&t->image);
-            at = put_picture(&alone, &decode, true, at, out);
+            const struct pyramid level0 = pyramid_of(&t->image);
+            at = put_image(&level0, &decode, true, at, out);
         }
     }
     return at;

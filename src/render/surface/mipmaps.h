@@ -9,8 +9,8 @@
 
 #define SURFACE_MIP_LEVELS 32
 
-/* Level 0 is the scene's own image. Smaller levels of 8 and 16 bit images are linear RGBA of 16 bits, red in the lowest: 8 bytes a
- * texel whatever the source holds, 2.7 bytes per texel of the source in all, and no sRGB to undo per pixel. Smaller levels of float
+/* Level 0 is the scene's own image. Smaller levels of 8 and 16 bit images are linear RGBA of 16 bits, red in the lowest: 8 bytes per
+ * texel whatever the source holds, 2.7 bytes per texel of the source in all, and no sRGB to decode per pixel. Smaller levels of float
  * images are float images. Each level halves the one before by an area-weighted box. */
 struct pyramid {
     struct pell_image image; /* level 0, borrowed */
@@ -28,7 +28,7 @@ struct pell_mips {
     const struct pyramid **slots; /* [material * PELL_MAPS + map], NULL where there is no map */
 };
 
-/* 8 bits to 16 bits linear: of sRGB, and of numbers. */
+/* 8 bits to 16 bits linear: for sRGB, and for linear data. */
 struct surface_decode {
     uint16_t srgb[256], linear[256];
 };

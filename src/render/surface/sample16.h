@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * sample16.h - 16 texture look-ups at once, filtered in space and between levels; part of packet.c, so compiled per SIMD level.
+ * sample16.h - 16 texture look-ups at once, filtered in space and between levels; part of kernel.c, so compiled per SIMD level.
  *
  * Levels are blended over half of the interval between them only: the image has no seams where levels change, and half of the pixels need
  * one level instead of two.
@@ -36,7 +36,7 @@ static inline void axis16(enum pell_wrap wrap, const float *restrict at, const i
         i1[i] = t.b;                                                                                                                       \
         f[i] = t.f;                                                                                                                        \
     }
-    /* one loop each, so that none chooses */
+    /* a loop per mode, without branches inside */
     if (wrap == PELL_WRAP_REPEAT) {
         AXIS(PELL_TEXELS_REPEAT)
     } else if (wrap == PELL_WRAP_MIRROR) {
@@ -47,7 +47,7 @@ static inline void axis16(enum pell_wrap wrap, const float *restrict at, const i
 #undef AXIS
 }
 
-/* surface_texel for the commonest kind, 8 bit RGB. */
+/* surface_texel for the most common type, 8 bit RGB. */
 static inline uint64_t rgb_texel(const uint8_t *rgb, const uint16_t *table, size_t at)
 {
     const uint8_t *p = rgb + 3 * at;
@@ -55,7 +55,7 @@ static inline uint64_t rgb_texel(const uint8_t *rgb, const uint16_t *table, size
     return (uint64_t) table[p[0]] | (uint64_t) table[p[1]] << 16 | (uint64_t) table[p[2]] << 32 | 0xffffull << 48;
 }
 
-/* out = bilinear look-up in each lane's level, for 8 and 16 bit images. Lanes that are not in `lanes` get something finite. */
+/* Bilinear look-up in each lane's level, for 8 and 16 bit images. Lanes that are not in `lanes` get some finite value. */
 static void bilinear16(const struct pyramid *p, const struct pell_texture *t, const struct surface_decode *decode,
                        const float16 *restrict uv, const int32_t *restrict level, uint32_t lanes, unsigned channels, float16 *restrict out)
 {
@@ -131,7 +131,7 @@ static void one_by_one(const struct pyramid *p, const struct pell_texture *t, co
     }
 }
 
-/* Looks up `channels` (bits) of a map for `lanes`; others get something finite. */
+/* Looks up `channels` (bits) of a map for `lanes`; others get some finite value. */
 static void sample16(const struct pyramid *p, const struct pell_texture_map *map, const struct surface_decode *decode,
                      const struct uv16 *at, uint32_t lanes, unsigned channels, float16 *restrict rgba)
 {
@@ -147,7 +147,7 @@ static void sample16(const struct pyramid *p, const struct pell_texture_map *map
 
     for (int i = 0; i < LANES; i++) {
         const float tu = m[0] * at->u[i] + m[1] * at->v[i] + m[2], tv = m[3] * at->u[i] + m[4] * at->v[i] + m[5];
-        uv[0][i] = fabsf(tu) < 16777216.0f ? tu : 0.0f; /* NaN, and what has no fraction left */
+        uv[0][i] = fabsf(tu) < 16777216.0f ? tu : 0.0f; /* NaN, and numbers without fractional digits */
         uv[1][i] = fabsf(tv) < 16777216.0f ? tv : 0.0f;
         area[i] = at->area[i] * scale;
         area[i] = area[i] > 1.0f ? area[i] : 1.0f;

@@ -18,8 +18,8 @@ PELL_NODISCARD enum pell_result pell_mips_create(struct pell_context *ctx, const
                                                  struct pell_mips **out);
 void pell_mips_destroy(struct pell_mips **mips);
 
-/* What the scene's maps are sampled from, for a device: words of 32 bits. Returns how many; `out` NULL: they are not written.
- *   256 numbers that sRGB of 8 bits stands for, of 65535, and 256 of numbers of 8 bits; for each material and enum pell_map PELL_MIPS_MAP
+/* Packs the images of the scene's maps into 32-bit words for a device. Returns their number; `out` NULL: they are not written.
+ *   256 linear values, of 65535, for sRGB of 8 bits, and 256 for linear values of 8 bits; for each material and enum pell_map PELL_MIPS_MAP
  *   words: first word of its image (PELL_MIPS_NONE: no map), UV set + 256 channel + 1024 where the nearest texel is read + 65536 wrap_u +
  *   16777216 wrap_v, matrix. Images: levels, width, height, 1 where level 0 is RGBA of 8 bits, + 2 where that is sRGB, + 4 where it is
  *   of floats, + 8 where smaller levels are; of each level first word, width and height. All else is RGBA of 16 bits. */
@@ -62,21 +62,21 @@ struct pell_surface {
 };
 
 /* Whether roughness, metallic and specular are the same wherever a material is visible, as in pell_surface_uniform: a block of one such
- * material needs not read five planes. Bumps that are smaller than a pixel make lobes wider. */
+ * material need not read five planes. Normal maps are excluded, since bumps that are smaller than a pixel make lobes wider. */
 static inline bool pell_surface_is_uniform(const struct pell_material *m)
 {
     return !m->normal_map.texture && !m->roughness_map.texture && !m->metallic_map.texture && !m->rho_s_map.texture &&
            !m->specular_color_map.texture;
 }
 
-/* Uniform, without colour or metal of its own: light that enters and leaves depends on none of the four planes. */
+/* Uniform, without base colour or metal: light that enters and leaves depends on none of the four planes. */
 static inline bool pell_surface_is_plain(const struct pell_material *m)
 {
     return !m->opaque && m->metallic == 0.0f && m->color_from != PELL_COLOR_FROM_TEXTURE && pell_surface_is_uniform(m);
 }
 
 struct pell_surface_uniform {
-    float roughness, metallic, specular[3];
+    float roughness, specular[3];
 };
 
 static inline struct pell_surface_uniform pell_surface_uniform(const struct pell_material *m)
@@ -85,9 +85,6 @@ static inline struct pell_surface_uniform pell_surface_uniform(const struct pell
         .roughness = m->roughness < 0.03f  ? 0.03f
                      : m->roughness > 1.0f ? 1.0f
                                            : m->roughness,
-        .metallic = m->metallic < 0.0f   ? 0.0f
-                    : m->metallic > 1.0f ? 1.0f
-                                         : m->metallic,
         .specular = { m->rho_s * m->specular_color[0], m->rho_s * m->specular_color[1], m->rho_s * m->specular_color[2] },
     };
 }
@@ -106,10 +103,10 @@ void pell_surface_finish(struct pell_context *ctx, struct pell_surface *surface)
 PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
                                                     const struct pell_view *view, struct pell_surface *surface);
 
-/* The surface at 16 hits that no pixel need see, as if seen along packet->ray from pixels of `spacing` mm: bits of `hits` say which count.
- * `out` is a surface of 4 x 4 pixels with a stride of 4 whose planes are the caller's; mips, tables and `omit_uniform` are those of `like`,
- * which was allocated; those of emission are not needed, those of thin sheets are where `mips`
- * says that there are some. Allocates nothing; safe from many threads. */
+/* Computes the surface at 16 hits that need not be visible, as if seen along packet->ray from pixels of `spacing` mm; `hits`: bits of valid
+ * lanes. `out` is a surface of 4 x 4 pixels with a stride of 4 whose planes are the caller's; its `mips` and `omit_uniform` are set to
+ * those of `like`, which was allocated. It needs no planes of emission, and those of thin sheets only where the scene has some. Allocates
+ * nothing; safe from many threads. */
 void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing, const struct pell_ray_hit16 *packet,
                        uint32_t hits, struct pell_surface *out);
 

@@ -15,7 +15,7 @@
 #define MAX_SURFACES 16             /* largest number of surfaces on a path */
 #define MIN_WEIGHT (1.0f / 2048.0f) /* least weight of a path */
 #define FOOTPRINT 0.5f              /* footprint of a pixel over the angle between the paths of adjacent pixels; */
-#define MAX_APART 0.7f              /* largest angle, assumed where an adjacent path exits elsewhere; */
+#define MAX_ANGLE 0.7f              /* largest angle, assumed where an adjacent path exits elsewhere; */
 #define INCOHERENT_WIDTH 0.03f      /* width above which a path counts as incoherent; */
 #define MIN_FOOTPRINT 0.004f        /* width below which the footprint is ignored */
 #define RAY_OFFSET 6e-6f            /* of the largest coordinate and the distance: offset of ray origins, as in stage "irradiance" */
@@ -63,10 +63,10 @@ static float current_eta(const struct job *job, const struct unscattered_path *w
 /* Sets a boundary's roughness and specular reflectance, ignoring maps. */
 static void set_roughness(const struct pell_material *m, struct unscattered_hit *f)
 {
-    const struct pell_surface_uniform e = pell_surface_uniform(m);
+    const struct pell_surface_uniform uniform = pell_surface_uniform(m);
 
-    f->roughness = e.roughness;
-    f->rho_s = (e.specular[0] + e.specular[1] + e.specular[2]) * (1.0f / 3.0f);
+    f->roughness = uniform.roughness;
+    f->rho_s = (uniform.specular[0] + uniform.specular[1] + uniform.specular[2]) * (1.0f / 3.0f);
 }
 
 /* Refracts the path into the solid of an object and material. Returns false if that has no medium. */
@@ -74,7 +74,7 @@ static bool enter(const struct job *job, struct unscattered_hit *f, int object, 
 {
     const float before = current_eta(job, w);
 
-    if (w->nesting == UNSCATTERED_MAX_NESTING || !job->u->media[f->material].is)
+    if (w->nesting == UNSCATTERED_MAX_NESTING || !job->u->media[f->material].is_traced)
         return false;
     f->n1 = before;
     f->n2 = job->u->media[f->material].eta;
@@ -211,27 +211,27 @@ static void add_surface_light(const struct job *job, struct packet *k, const str
 }
 
 /* Returns the footprint of a pixel: the angle between its path and adjacent ones. Bumps send paths to unrelated directions: with one
- * path per pixel, lights behind them would show as specks. 0 where no path is adjacent; MAX_APART for adjacent paths that exit elsewhere
+ * path per pixel, lights behind them would show as specks. 0 where no path is adjacent; MAX_ANGLE for adjacent paths that exit elsewhere
  * or not yet. The median is used, so that a single edge does not count. */
 static float footprint(const struct packet *k, int i, const bool outside[LANES])
 {
     const int x = i % TILE, y = i / TILE;
-    float apart[4];
+    float angle[4];
     int count = 0;
 
     for (int side = 0; side < 4; side++) {
         const int dx = side < 2 ? 2 * side - 1 : 0, dy = side < 2 ? 0 : 2 * side - 5, j = i + dx + TILE * dy;
-        float far;
+        float neighbour;
         int at = count;
         if (x + dx < 0 || x + dx >= TILE || y + dy < 0 || y + dy >= TILE || !k->entered[j])
             continue;
-        far = outside[j] ? fminf(vec3_length(vec3_sub(k->path[i].direction, k->path[j].direction)), MAX_APART) : MAX_APART;
-        for (; at > 0 && apart[at - 1] > far; at--)
-            apart[at] = apart[at - 1];
-        apart[at] = far;
+        neighbour = outside[j] ? fminf(vec3_length(vec3_sub(k->path[i].direction, k->path[j].direction)), MAX_ANGLE) : MAX_ANGLE;
+        for (; at > 0 && angle[at - 1] > neighbour; at--)
+            angle[at] = angle[at - 1];
+        angle[at] = neighbour;
         count++;
     }
-    return count > 0 ? FOOTPRINT * apart[(count - 1) / 2] : 0.0f;
+    return count > 0 ? FOOTPRINT * angle[(count - 1) / 2] : 0.0f;
 }
 
 /* Adds the lights seen along paths outside, then the surface that each path hits. */

@@ -13,7 +13,7 @@
 #define UNSCATTERED_MAX_NESTING 4      /* nested solids */
 
 struct unscattered_medium {
-    bool is;           /* light is traced through it: it has coefficients */
+    bool is_traced;    /* it has coefficients, so light is traced through it */
     bool thin;         /* its parts are thin enough where they are visible */
     float eta;         /* relative to outside */
     float sigma_t[3];  /* 1/mm */

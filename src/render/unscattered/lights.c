@@ -13,7 +13,7 @@
 #define MIN_HIT_FRACTION 0.38f /* hit fraction of a lobe's directions up to which its density is the better estimate */
 #define MAX_SPREAD 0.35f       /* of a light's radius: a wider lobe has too few directions on the light, and a nearly uniform density */
 
-/* Directions of the lobe, not unit; just the path's direction if the lobe is a ray. */
+/* Directions of the lobe, not unit; only the path's direction if the lobe is a ray. */
 struct bundle {
     _Alignas(64) float x[BUNDLE], y[BUNDLE], z[BUNDLE];
     int count;
@@ -44,7 +44,7 @@ static float hit_area_light(const struct pell_light_source *s, const struct unsc
     const struct pell_vec3 to = vec3_sub(w->position, s->position), n = s->direction, r = s->right, u = s->up;
     const float height = vec3_dot(to, n), per_r2 = 1.0f / vec3_dot(r, r), per_u2 = 1.0f / vec3_dot(u, u);
     const bool disc = s->type == PELL_LIGHT_DISC;
-    _Alignas(64) float hit[BUNDLE], far[BUNDLE];
+    _Alignas(64) float hit[BUNDLE], distance[BUNDLE];
     float sum = 0.0f, image[3] = { 0 };
 
     if (!(height > 0.0f))
@@ -54,7 +54,7 @@ static float hit_area_light(const struct pell_light_source *s, const struct unsc
         const float qx = to.x + t * f->x[j], qy = to.y + t * f->y[j], qz = to.z + t * f->z[j];
         const float x = (qx * r.x + qy * r.y + qz * r.z) * per_r2, y = (qx * u.x + qy * u.y + qz * u.z) * per_u2, x2 = x * x, y2 = y * y;
         const float most = disc ? x2 + y2 : x2 > y2 ? x2 : y2;
-        far[j] = t;
+        distance[j] = t;
         hit[j] = fall > 1e-12f && most <= 1.0f && t < reach ? 1.0f : 0.0f;
     }
     for (int j = 0; j < f->count; j++) {
@@ -62,7 +62,7 @@ static float hit_area_light(const struct pell_light_source *s, const struct unsc
         if (s->image && hit[j] > 0.0f) {
             const struct pell_vec3 d = vec3(f->x[j], f->y[j], f->z[j]);
             float texel[3];
-            pell_light_source_image(s, vec3_mad(w->position, far[j], d), vec3_mul(vec3_normalize(d), -1.0f), w->position, texel);
+            pell_light_source_image(s, vec3_mad(w->position, distance[j], d), vec3_mul(vec3_normalize(d), -1.0f), w->position, texel);
             for (int c = 0; c < 3; c++)
                 image[c] += texel[c];
         }
@@ -76,13 +76,13 @@ static float hit_area_light(const struct pell_light_source *s, const struct unsc
 static float point_light_density(const struct pell_light_source *s, const struct unscattered_path *w, const float offsets[4][BUNDLE],
                                  struct pell_vec3 t, struct pell_vec3 b, struct pell_vec3 *to, float *distance)
 {
-    const bool far = s->type == PELL_LIGHT_DIRECTIONAL;
-    const struct pell_vec3 d = far ? vec3_mul(s->direction, -1.0f) : vec3_sub(s->position, w->position);
+    const bool directional = s->type == PELL_LIGHT_DIRECTIONAL;
+    const struct pell_vec3 d = directional ? vec3_mul(s->direction, -1.0f) : vec3_sub(s->position, w->position);
     const float most = MAX_WIDTHS * (w->lobe.earlier + w->lobe.last);
     float along, x, y, scale = 1.0f;
 
-    *distance = far ? INFINITY : vec3_length(d);
-    *to = far ? d : vec3_normalize(d);
+    *distance = directional ? INFINITY : vec3_length(d);
+    *to = directional ? d : vec3_normalize(d);
     along = vec3_dot(*to, w->direction);
     if (!(along > 0.05f) || !(vec3_dot(*to, w->normal) > 0.0f))
         return 0.0f;
@@ -90,7 +90,7 @@ static float point_light_density(const struct pell_light_source *s, const struct
     y = vec3_dot(*to, b) / along;
     if (x * x + y * y > most * most)
         return 0.0f;
-    if (!far)
+    if (!directional)
         scale = pell_light_falloff(*distance, s->scale, s->inv_range);
     if (s->type == PELL_LIGHT_SPOT)
         scale *= pell_light_cone(-vec3_dot(s->direction, *to), s->spot_scale, s->spot_offset);
@@ -113,8 +113,8 @@ static bool is_occluded(const struct pell_unscattered_params *p, const struct un
 static bool is_undersampled(const struct pell_light_source *s, const struct unscattered_path *w)
 {
     const struct pell_vec3 to = vec3_sub(s->position, w->position);
-    const float width = w->lobe.earlier + w->lobe.last, far = vec3_length(to), along = vec3_dot(to, w->direction) / far;
-    const float radius = sqrtf(vec3_length(s->right) * vec3_length(s->up)) / far;
+    const float width = w->lobe.earlier + w->lobe.last, distance = vec3_length(to), along = vec3_dot(to, w->direction) / distance;
+    const float radius = sqrtf(vec3_length(s->right) * vec3_length(s->up)) / distance;
     const float off = along > 0.05f ? sqrtf(1.0f / fminf(along * along, 1.0f) - 1.0f) : INFINITY;
 
     return width > MAX_SPREAD * radius || off > 1.3f * radius + width;
@@ -188,12 +188,12 @@ int64_t unscattered_add_lights(const struct pell_unscattered *u, const struct pe
     spread_bundle(w, offsets, t, b, &f);
     for (size_t i = 0; i < p->lights->num_sources; i++) {
         const struct pell_light_source *s = &p->lights->sources[i];
-        const bool face = s->type == PELL_LIGHT_RECT || s->type == PELL_LIGHT_DISC;
+        const bool has_area = s->type == PELL_LIGHT_RECT || s->type == PELL_LIGHT_DISC;
         struct pell_vec3 to;
         float power[3] = { s->power[0], s->power[1], s->power[2] }, fraction, distance;
         if (s->environment >= 0)
             continue;
-        if (face) {
+        if (has_area) {
             fraction = rough && is_undersampled(s, w) ? 0.0f : hit_area_light(s, w, &f, reach, power);
             if (rough && fraction <= MIN_HIT_FRACTION) {
                 memcpy(power, s->power, sizeof(power));

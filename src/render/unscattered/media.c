@@ -18,7 +18,7 @@ static bool make_medium(const struct pell_material *m, const struct pell_frame_m
 
     if (!pell_scatters_by_medium(m, f) || m->num_layers > 0 || m->color_from == PELL_COLOR_FROM_TEXTURE || !pell_medium_valid(medium, NULL))
         return false;
-    *out = (struct unscattered_medium) { .is = true, .eta = (float) medium->eta, .min_sigma_t = INFINITY };
+    *out = (struct unscattered_medium) { .is_traced = true, .eta = (float) medium->eta, .min_sigma_t = INFINITY };
     for (int c = 0; c < 3; c++) {
         out->sigma_t[c] = (float) (medium->sigma_a[c] + medium->sigma_s_reduced[c] / (1.0 - medium->g[c]));
         out->min_sigma_t = fminf(out->min_sigma_t, out->sigma_t[c]);
@@ -111,8 +111,8 @@ enum pell_result pell_unscattered_create(struct pell_context *ctx, const struct 
         return PELL_ERR_NOMEM;
     }
     for (size_t i = 0; i < scene->num_materials; i++) {
-        const size_t at = frame_index[i + 1];
-        if (at > 0 && make_medium(&scene->materials[i], &materials[at - 1], &u->media[i]))
+        const size_t id = frame_index[i + 1];
+        if (id > 0 && make_medium(&scene->materials[i], &materials[id - 1], &u->media[i]))
             any |= u->media[i].thin = is_thin(scene, rays, i, u->media[i].min_sigma_t);
     }
     for (uint32_t i = 0; i < UNSCATTERED_BUNDLES; i++)

@@ -8,8 +8,8 @@
  * refracted at each boundary by interpolated normals, and reflected inside where refraction is impossible. L' is the background: area
  * lights, environments, and light reflected by surfaces there, which are taken to be diffuse. Rough boundaries spread the path into a lobe
  * (lobe.h), which is used to see area lights, and to see point lights by its density; the direction of the path, and whether it exits, is
- * sampled from the middle of the lobe (facets.h). L is radiance over the square of the index, so that indices cancel between outside and
- * outside.
+ * sampled from the middle of the lobe (facets.h). L is radiance over the square of the index of refraction: for paths that begin and end
+ * outside indices cancel.
  *
  * Area lights and environments are filtered by the footprint of pixels; where adjacent paths exit far from each other, by chance or because
  * facets were sampled, pixels share their values (incoherent.c).
