@@ -118,9 +118,8 @@ static void fill(pell_thickness_fn *f, const void *of, double max_mm, float valu
 {
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
-            const double place = (double) i / (PELL_THICKNESS_STEPS - 1);
-            const float fraction = (float) f(of, c, max_mm * place * place);
-            value[i][c] = fraction;
+            const double root = (double) i / (PELL_THICKNESS_STEPS - 1); /* of the relative thickness */
+            value[i][c] = (float) f(of, c, max_mm * root * root);
         }
 }
 

@@ -191,7 +191,7 @@ static void counts_keep_to_their_mean(void **state)
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_frame_material m = narrow();
     struct patch *p = patch_create(150, 90, true, 4.0, 600.0, &m, 1);
-    struct is_set set = { .middle = 1.0f, .scale = { 1.0f, 1.0f, 1.0f } };
+    struct is_set set = { .median = 1.0f, .scale = { 1.0f, 1.0f, 1.0f } };
     struct is_work w = { .in = &p->frame, .sets = &set, .focal_px = 4.0f };
     uint8_t count[120], classes[120], before[120];
     uint16_t step[120];

@@ -58,11 +58,11 @@ enum { CONV_LINE_OCTAVE = 8, CONV_LINE_ROWS = CONV_LINE_OCTAVE * CONV_OCTAVES };
 /* One channel. */
 struct conv_radial {
     const struct pell_profile *profile;
-    double radius; /* scale of the profile's radii, (0, 1] */
-    float scale;   /* of the profile: 1, or the reciprocal of its total */
-    float total;   /* M under a uniform irradiance of 1 */
-    bool point;    /* the profile is a delta function */
-    float median2; /* mm^2: squared median radius, which contains half of the light */
+    double radius_scale; /* of the profile's radii, (0, 1] */
+    float scale;         /* of the profile: 1, or the reciprocal of its total */
+    float total;         /* M under a uniform irradiance of 1 */
+    bool point;          /* the profile is a delta function */
+    float median2;       /* mm^2: squared median radius, which contains half of the light */
     float per_median2;
     float *value; /* R, 1/mm^2, at squared radii, with CONV_ROWS_OCTAVE uniform rows per octave: CONV_ROWS + 2 */
     float *line;  /* Int R dy along a line, 1/mm, by the squared distance of the line, with CONV_LINE_OCTAVE rows per octave: CONV_LINE_ROWS
@@ -71,7 +71,7 @@ struct conv_radial {
 
 /* `memory`: CONV_RADIAL_FLOATS for each of three channels. */
 #define CONV_RADIAL_FLOATS (CONV_ROWS + 2 + CONV_LINE_ROWS + 2)
-void convolution_radial_make(const struct pell_frame_material *m, double radius, float *memory, struct conv_radial out[3]);
+void convolution_radial_make(const struct pell_frame_material *m, double radius_scale, float *memory, struct conv_radial out[3]);
 /* R at a squared radius. */
 float convolution_radial_value(const struct conv_radial *r, float radius2);
 /* Fraction of the light that enters on a plane and arrives on a plane h mm away, and the light in a square [x - 1/2, x + 1/2] x [y - 1/2, y
@@ -101,7 +101,7 @@ struct conv_behind {
     uint16_t *group; /* [layer][cell] */
     float *depth, *area, *slant, *coord, *light[3];
     float *entry_weight[3], *close[3]; /* weight of the light of hidden cells, and its weight at the coordinate of the pixel in front */
-    float *counts[3];                  /* fraction of the light that the planes carry */
+    float *carried[3];                 /* fraction of the light that the planes carry */
     float *along_surface[3];           /* the part of it that is diffuse along the surface, for faces with the orientation of the pixels */
 };
 
@@ -135,6 +135,8 @@ void convolution_sources_aim(struct conv_sources *s);
 
 /* --- spectra.c: planes and the spectra of their kernels ----------------------------------------------------------------------------- */
 
+enum { CONV_MULTIPLE = 16 }; /* sizes of transforms are multiples of it */
+
 /* Inputs of the spectra of a group. */
 struct conv_layout {
     size_t group;                 /* and the level of its strength */
@@ -153,11 +155,15 @@ struct conv_spectra {
     float *memory;
     struct conv_spectrum own[3][CONV_PLANES], behind[3][CONV_PLANES], far[3][CONV_PLANES * (CONV_PLANES - 1) / 2];
     struct conv_pair pairs[3][CONV_PLANES * (CONV_PLANES - 1) / 2];
-    int num_pairs, num_own, num_far; /* per channel */
-    int kept[3];                     /* pairs with a stored spectrum */
+    int num_pairs, num_own; /* per channel */
     struct conv_response response[3][CONV_PLANES];
     int num_responses;
 };
+
+static inline int conv_round_up(int n, int multiple)
+{
+    return (n + multiple - 1) / multiple * multiple;
+}
 
 /* Reach of the kernels in pixels: beyond it light would wrap around in transforms of this size. */
 static inline int convolution_cut(int length, int size)

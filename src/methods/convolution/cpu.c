@@ -9,6 +9,7 @@
 
 #include "base/pool.h"
 #include "base/simd.h"
+#include "math/scalar.h"
 #include "math/vec.h"
 #include "render/engine.h"
 #include "render/material_id.h"
@@ -53,11 +54,6 @@ static void convolution_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-static int round_up(int n, int multiple)
-{
-    return (n + multiple - 1) / multiple * multiple;
-}
-
 static enum pell_result make_thickness(struct convolution_state *st, const struct pell_frame_shape *shape)
 {
     st->thickness = pell_calloc(st->ctx, shape->num_materials, sizeof(*st->thickness));
@@ -92,8 +88,8 @@ static enum pell_result make_materials(struct convolution_state *st, const struc
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < shape->num_materials; i++) {
         const float strength = shape->materials[i].strength;
-        const double radius = strength > 0.0f ? fmin((double) strength, 1.0) : 1.0;
-        convolution_radial_make(&shape->materials[i], radius, st->tables + i * 3 * CONV_RADIAL_FLOATS, st->radial[i]);
+        const double radius_scale = strength > 0.0f ? fmin((double) strength, 1.0) : 1.0;
+        convolution_radial_make(&shape->materials[i], radius_scale, st->tables + i * 3 * CONV_RADIAL_FLOATS, st->radial[i]);
     }
     st->num_groups = st->solids ? st->solids->count : shape->num_materials;
     return st->knobs.through == CONV_THROUGH_SLAB ? make_thickness(st, shape) : PELL_OK;
@@ -148,7 +144,7 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
         b->light[c] = b->coord + (1 + c) * cells;
         b->entry_weight[c] = b->coord + (4 + c) * cells;
         b->close[c] = b->coord + (7 + c) * cells;
-        b->counts[c] = b->coord + (10 + c) * cells;
+        b->carried[c] = b->coord + (10 + c) * cells;
         b->along_surface[c] = b->coord + (13 + c) * cells;
     }
     return PELL_OK;
@@ -159,14 +155,14 @@ static bool is_uniform(const struct convolution_state *st)
     return st->knobs.borders == CONV_BORDERS_EVEN || (st->knobs.borders == CONV_BORDERS_AUTO && st->knobs.surfaces == 1);
 }
 
-/* Allocates for images with this many pixels of the frame per pixel. */
-static void find_room(const struct convolution_state *st, const struct pell_frame_shape *shape, int step, struct conv_room *out)
+/* Sizes of images with `step` pixels of the frame per pixel. */
+static void find_format(const struct convolution_state *st, const struct pell_frame_shape *shape, int step, struct conv_format *out)
 {
     const int width = (shape->width + 2 * step - 2) / step + 1, height = (shape->height + 2 * step - 2) / step + 1;
     const int planes = convolution_planes(&st->knobs, step);
     const size_t bands = (size_t) (height + CONV_BAND - 1) / CONV_BAND;
 
-    *out = (struct conv_room) {
+    *out = (struct conv_format) {
         .step = step,
         .width = width,
         .height = height,
@@ -174,14 +170,9 @@ static void find_room(const struct convolution_state *st, const struct pell_fram
         .down = pell_fft_good(2 * height, CONV_MULTIPLE),
         .bands = (int) bands,
         .num_images = planes + (st->knobs.restore == CONV_BETWEEN ? planes - 1 : 0) + (st->solids && st->knobs.apart ? planes : 0),
-        .image_size = (size_t) round_up(width, L) * bands * CONV_BAND,
+        .image_size = (size_t) conv_round_up(width, L) * bands * CONV_BAND,
     };
     out->half_size = ((size_t) out->across / 32 + 1) * bands * CONV_BAND * E;
-}
-
-static size_t larger(size_t a, size_t b)
-{
-    return a > b ? a : b;
 }
 
 static enum pell_result make_images(struct convolution_state *st, const struct pell_frame_shape *shape)
@@ -191,20 +182,20 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     size_t images = 0, half = 0, marks = 0, bands = 0, scratch = 0, table = 0, spectra = 0;
 
     for (int i = first; i <= last; i++) {
-        struct conv_room *r = &st->rooms[i];
+        struct conv_format *r = &st->formats[i];
         size_t longest;
-        find_room(st, shape, 1 << i, r);
+        find_format(st, shape, 1 << i, r);
         longest = (size_t) (r->across > r->down ? r->across : r->down);
-        images = larger(images, i == CONV_FULL ? 0 : r->image_size * (size_t) r->num_images);
-        half = larger(half, r->half_size * (size_t) r->num_images);
-        bands = larger(bands, (size_t) r->bands);
-        marks = larger(marks, (size_t) r->bands * (size_t) r->num_images);
-        scratch = larger(scratch, ((size_t) r->num_images + 2) * pell_fft_buffer((int) longest));
-        scratch = larger(scratch, convolution_spectra_scratch(r->width, r->height));
-        spectra = larger(spectra, convolution_spectra_size(&st->knobs, r->step, shape->orthographic, r->width, r->height));
-        table = larger(table, 3 * longest + 4096);
+        images = LARGER(images, i == CONV_FULL ? 0 : r->image_size * (size_t) r->num_images);
+        half = LARGER(half, r->half_size * (size_t) r->num_images);
+        bands = LARGER(bands, (size_t) r->bands);
+        marks = LARGER(marks, (size_t) r->bands * (size_t) r->num_images);
+        scratch = LARGER(scratch, ((size_t) r->num_images + 2) * pell_fft_buffer((int) longest));
+        scratch = LARGER(scratch, convolution_spectra_scratch(r->width, r->height));
+        spectra = LARGER(spectra, convolution_spectra_size(&st->knobs, r->step, shape->orthographic, r->width, r->height));
+        table = LARGER(table, 3 * longest + 4096);
     }
-    st->room = st->rooms[first];
+    st->format = st->formats[first];
     if (images > 0)
         st->images = pell_alloc_array(st->ctx, images, sizeof(float));
     st->half = pell_alloc_array(st->ctx, half, sizeof(float));
@@ -325,7 +316,7 @@ static void convolve(struct convolution_state *st, int channel, bool uniform)
     const int64_t image_pixels = (int64_t) j->layout.width * j->layout.height;
     const int64_t half_bytes = (int64_t) (j->layout.across / 2) * j->layout.height * 8;
     double clock = pell_seconds();
-    int lit = 0;
+    int num_lit = 0;
 
     j->channel = channel;
     j->uniform = uniform;
@@ -333,10 +324,10 @@ static void convolve(struct convolution_state *st, int channel, bool uniform)
     for (int i = 0; i < images; i++) {
         j->lit[i] = false;
         for (int band = 0; band < j->bands; band++)
-            j->lit[i] = j->lit[i] || st->occupied[band * st->room.num_images + i];
-        lit += j->lit[i];
+            j->lit[i] = j->lit[i] || st->occupied[band * st->format.num_images + i];
+        num_lit += j->lit[i];
     }
-    note_time(st, CONV_T_SPREAD, &clock, j->extent.pixels, j->extent.pixels * 20 + lit * half_bytes);
+    note_time(st, CONV_T_SPREAD, &clock, j->extent.pixels, j->extent.pixels * 20 + num_lit * half_bytes);
     convolution_transform_columns(st);
     note_time(st, CONV_T_COLUMNS, &clock, images * image_pixels, images * half_bytes * 2);
     convolution_gather(st);
@@ -397,12 +388,12 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
         return PELL_OK;
     convolution_find_levels(st, m->strength);
     convolution_take_level(st, m, material, j->last_level);
-    convolution_take_room(st);
+    convolution_choose_format(st);
     convolution_take_level(st, m, material, j->first_level); /* the layout is that of the widest profile */
     convolution_lay_out(st);
     j->between = st->knobs.restore == CONV_BETWEEN ? j->layout.planes - 1 : 0;
     j->behind = st->knobs.apart && st->sources.behind.layers > 0 ? j->layout.planes : 0;
-    j->stride = round_up(j->layout.width, L);
+    j->stride = conv_round_up(j->layout.width, L);
     j->block = (ptrdiff_t) j->layout.height * E;
     j->bands = (j->layout.height + CONV_BAND - 1) / CONV_BAND;
     j->column_blocks = j->layout.across / 32 + 1;

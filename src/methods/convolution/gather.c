@@ -25,15 +25,17 @@ static void expand_rows(const struct convolution_state *st, int y, const bool *w
 {
     const struct conv_job *j = &st->job;
     const int last = j->layout.height - 1, first = j->extent.rect.x0 - j->x0, width = j->layout.width;
-    const size_t size = ((size_t) width * (size_t) st->room.step + 31) / 16 * 16;
-    const float v = ((float) (y - j->y0) + 0.5f) / (float) st->room.step - 0.5f, at = v < 0.0f ? 0.0f : v > (float) last ? (float) last : v;
+    const size_t size = ((size_t) width * (size_t) st->format.step + 31) / 16 * 16;
+    const float v = ((float) (y - j->y0) + 0.5f) / (float) st->format.step - 0.5f, at = v < 0.0f           ? 0.0f
+                                                                                        : v > (float) last ? (float) last
+                                                                                                           : v;
     const int py = (int) at;
 
     for (int i = 0; i < j->layout.planes + j->between; i++) {
         const float *row = conv_image(st, i) + (ptrdiff_t) py * j->stride;
         if (!which[i])
             continue;
-        st->kernels->expand(row, row + (py < last ? j->stride : 0), at - (float) py, width, st->room.step, spare, spare + width + 48);
+        st->kernels->expand(row, row + (py < last ? j->stride : 0), at - (float) py, width, st->format.step, spare, spare + width + 48);
         rows[i] = spare + width + 48 + first;
         spare += (size_t) width + 48 + size;
     }
@@ -44,15 +46,15 @@ static void find_reached(const struct convolution_state *st, int y, int *x0, int
 {
     const struct conv_job *j = &st->job;
     const struct pell_rect *rect = &j->extent.rect;
-    const int half = st->room.step / 2, row = y - j->y0 - half; /* centre of the pixel relative to rows of the images */
-    const int margin = st->room.step > 1, at = row >= 0 ? row / st->room.step : 0;
+    const int half = st->format.step / 2, row = y - j->y0 - half; /* centre of the pixel relative to rows of the images */
+    const int margin = st->format.step > 1, at = row >= 0 ? row / st->format.step : 0;
     int low, high;
 
     *x0 = *x1 = 0;
     if (at < j->reached.y0 - margin || at >= j->reached.y1)
         return;
-    low = (j->reached.x0 - margin) * st->room.step + half - rect->x0 + j->x0;
-    high = j->reached.x1 * st->room.step + half - rect->x0 + j->x0;
+    low = (j->reached.x0 - margin) * st->format.step + half - rect->x0 + j->x0;
+    high = j->reached.x1 * st->format.step + half - rect->x0 + j->x0;
     *x0 = j->reached.x0 - margin <= 0 || low < 0 ? 0 : low;
     high = high < rect->x1 - rect->x0 ? high : rect->x1 - rect->x0;
     *x1 = high > *x0 ? high : *x0; /* the reached range may be outside of all pixels */
@@ -137,7 +139,7 @@ static void back_band(void *arg, int band, int worker)
     struct convolution_state *st = arg;
 
     convolution_transform_back(st, band, worker, st->job.seen, st->images + (ptrdiff_t) band * CONV_BAND * st->job.stride,
-                               st->room.image_size);
+                               st->format.image_size);
 }
 
 static void expand_and_gather(void *arg, int index, int worker)
@@ -157,7 +159,7 @@ void convolution_gather(struct convolution_state *st)
 {
     const struct conv_job *j = &st->job;
 
-    if (st->room.step == 1) {
+    if (st->format.step == 1) {
         pell_pool_run(st->pool, j->bands, gather_band, st);
     } else {
         pell_pool_run(st->pool, j->bands, back_band, st);

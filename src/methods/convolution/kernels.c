@@ -16,7 +16,7 @@ enum { LANES = 16, ELEMENT = 32 };
 struct line {
     vi at, group_at, coord; /* offsets of the line's first pixel in planes of floats and of groups; index of each pixel along the line */
     ptrdiff_t step, group_step;
-    int low, high; /* first and last index inside the image */
+    int low, high; /* first index inside the image, and the first beyond */
 };
 
 /* Slope from each pixel to the one `by` pixels away on either side, the less steep of both; 0 without neighbours. The interpolated quantity
@@ -47,7 +47,7 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
     return select(magnitude(best) < INFINITY, best / FLOATS(by), all(0.0f));
 }
 
-/* |n . d| of n < WIDTH pixels from (x, y) on, from depths `by` pixels away; `is`: mask of pixels in group `own`, the others are skipped. */
+/* |n . d| of WIDTH pixels from (x, y) on, from `depth`, theirs, and the depths `by` pixels away in the groups `own`. */
 INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi by)
 {
     const vf here = d->parallel ? depth : 1.0f / depth, px = lanes_from((float) x);
@@ -115,20 +115,20 @@ struct row {
 
 INLINE struct row row_of(vf slant, int rows)
 {
-    const vf s = greater(slant, all(0.0f)) * (float) ((rows - 1) / 0.994987437);
+    const vf s = greater(slant, all(0.0f)) * (float) ((rows - 1) / 0.994987437); /* the largest slant: sqrt(1 - CONV_COS_MIN) */
     const vi low = INTS(lesser(s, all((float) (rows - 2))));
 
     return (struct row) { low, within(s - FLOATS(low), 0.0f, 1.0f) };
 }
 
-/* Pixels on a plane differ in width from pixels at the depth itself, t between two planes whose pixels are p and q mm wide. `cosine` is 1
- * unless restore=response. */
-INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf cosine)
+/* Pixels on a plane differ in width from pixels at the depth itself, t between two planes whose pixels are p and q mm wide. `coord_factor`,
+ * used with restore=response only: 1/sqrt of the response at t of a surface that faces the camera. */
+INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf coord_factor)
 {
     vf mean_area = (1.0f - t) / (p * p) + t / (q * q);
 
     if (by_response) {
-        const vf own = (1.0f - t) * (1.0f - t) + t * t, other = greater(1.0f / (cosine * cosine) - own, all(0.0f));
+        const vf own = (1.0f - t) * (1.0f - t) + t * t, other = greater(1.0f / (coord_factor * coord_factor) - own, all(0.0f));
         mean_area = ((1.0f - t) * (1.0f - t) / (p * p) + t * t / (q * q) + other / (p * q)) / (own + other);
     }
     return select(p == q, all(1.0f), 1.0f / ((p + t * (q - p)) * root(mean_area)));
@@ -161,7 +161,7 @@ static void compute_weights(const struct conv_weights *w, const struct conv_row 
         width = width_factor(false, t, narrow, wide, all(1.0f));
         for (int c = 0; c < 3; c++) {
             const struct conv_response *r = w->response[c];
-            vf here[4], near[4], beyond[4], by_coord, should, does;
+            vf here[4], near[4], beyond[4], by_coord, exact, received;
             if (w->plain) {
                 store_first(entry_weight[c] + i, pixels, n);
                 if (exit_weight)
@@ -172,13 +172,13 @@ static void compute_weights(const struct conv_weights *w, const struct conv_row 
             pick4(r->near[0], first + own_at.low, near);
             pick4(r->far[0], first + far_at.low, beyond);
             by_coord = here[0] + fu * here[1] + at.fraction * (here[2] + fu * here[3]);
-            does = near[0] + own_at.fraction * near[2] + beyond[0] + far_at.fraction * beyond[2];
-            should = near[1] + own_at.fraction * near[3] + beyond[1] + far_at.fraction * beyond[3];
+            received = near[0] + own_at.fraction * near[2] + beyond[0] + far_at.fraction * beyond[2];
+            exact = near[1] + own_at.fraction * near[3] + beyond[1] + far_at.fraction * beyond[3];
             if (w->by_response) {
                 pick4(r->coord[0], first + b, here);
                 width = width_factor(true, t, narrow, wide, here[0] + fu * here[1]);
             }
-            store_first(entry_weight[c] + i, pixels * by_coord * (should / does) * sideways * width, n);
+            store_first(entry_weight[c] + i, pixels * by_coord * (exact / received) * sideways * width, n);
             if (exit_weight)
                 store_first(exit_weight[c] + i, by_coord * width, n);
         }
@@ -198,12 +198,12 @@ static void split_hidden(const struct conv_transfers *s, int count, const float 
         const vf part = within(coord - FLOATS(row), 0.0f, 1.0f);
         for (int c = 0; c < 3; c++) {
             const float *a = s->arrives[c];
-            const vf does = mix_of(mix_of(pick(a, at), pick(a, at + 1), tp),
-                                   mix_of(pick(a, at + CONV_PLANES), pick(a, at + (CONV_PLANES + 1)), tp), tq);
-            const vf should = mix_of(pick(s->over[c], row), pick(s->over[c], row + 1), part);
-            const vi more = should >= does, none = d < 0.0f;
-            const vf missing = within((should - does) / greater(1.0f - does, all(1e-6f)), 0.0f, 1.0f);
-            const vf kept = select(none, all(1.0f), select(more, 1.0f - missing, should / does));
+            const vf received = mix_of(mix_of(pick(a, at), pick(a, at + 1), tp),
+                                       mix_of(pick(a, at + CONV_PLANES), pick(a, at + (CONV_PLANES + 1)), tp), tq);
+            const vf exact = mix_of(pick(s->over[c], row), pick(s->over[c], row + 1), part);
+            const vi more = exact >= received, none = d < 0.0f;
+            const vf missing = within((exact - received) / greater(1.0f - received, all(1e-6f)), 0.0f, 1.0f);
+            const vf kept = select(none, all(1.0f), select(more, 1.0f - missing, exact / received));
             store_first(entry_weight[c] + i, load_first(entry_weight[c] + i, n) * kept, n);
             store_first(close[c] + i, select(more & ~none, missing * load_first(close[c] + i, n), all(0.0f)), n);
         }
@@ -461,11 +461,12 @@ INLINE vf less_steep(vf depth, struct pixel_lanes before, struct pixel_lanes aft
     return select(is_low, low, select(after.valid, high, all(0.0f)));
 }
 
-/* Depth steps per pixel of a surface that covers `times` a pixel's area, radius2 mm^2: keeps their direction only. */
-INLINE void slant_index(vf times, float radius2, vf *gx, vf *gy)
+/* Depth steps per pixel of a surface that covers `times` the area of a pixel, whose squared width is width2, mm^2: of the steps given, only
+ * the direction is kept. */
+INLINE void scale_gradient(vf times, float width2, vf *gx, vf *gy)
 {
-    const vf tangent2 = greater(times * times - 1.0f, all(0.0f)) * radius2, length2 = *gx * *gx + *gy * *gy;
-    const vi known = length2 > 1e-6f * radius2;
+    const vf tangent2 = greater(times * times - 1.0f, all(0.0f)) * width2, length2 = *gx * *gx + *gy * *gy;
+    const vi known = length2 > 1e-6f * width2;
     const vf scale = root(tangent2 / select(known, length2, all(1.0f)));
 
     *gx = select(known, *gx * scale, root(tangent2));
@@ -496,7 +497,7 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
         area = select(own.valid, load_between(s->area + y * s->group_stride, x, s->x0, s->x1), all(1.0f));
         gx = less_steep(own.depth, find_pixels(s, x - 1, y), find_pixels(s, x + 1, y));
         gy = less_steep(own.depth, find_pixels(s, x, y - 1), find_pixels(s, x, y + 1));
-        slant_index(area / (s->pixel2 * (s->parallel ? all(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);
+        scale_gradient(area / (s->pixel2 * (s->parallel ? all(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);
         for (int dy = -CONV_WINDOW; dy <= CONV_WINDOW; dy++)
             for (int dx = -CONV_WINDOW; dx <= CONV_WINDOW; dx++) {
                 const int ax = dx < 0 ? -dx : dx, ay = dy < 0 ? -dy : dy;

@@ -48,7 +48,7 @@ struct conv_weights {
     const struct conv_response *response[3];
 };
 
-/* A row of pixels, or cells, where light enters: those that are not in group `own` have no weight. */
+/* A row of pixels, or cells, where light enters: the weights of those that are not in group `own` are undefined. */
 struct conv_row {
     int count;
     uint16_t own;
@@ -150,7 +150,7 @@ struct conv_kernels {
     void (*compute_weights)(const struct conv_weights *w, const struct conv_row *s, float *const entry_weight[3],
                             float *const exit_weight[3]);
     /* Hidden light at coordinate q, and the pixel in front of it at p; distance < 0: none. `close`: on input its weight as if it
-     * were in front; on output the part that moves to the coordinate of that pixel. `enters` keeps the part that stays behind. */
+     * were in front; on output the part that moves to the coordinate of that pixel. `entry_weight` keeps the part that stays behind. */
     void (*split_hidden)(const struct conv_transfers *s, int count, const float *p, const float *q, const float *distance,
                          float *const entry_weight[3], float *const close[3]);
     /* Distributes the light of pixels in s->own, `light` NULL: 1. With a step of 1 it writes whole rows of the images, else it adds to

@@ -9,7 +9,7 @@
 
 #include <string.h>
 
-#define REACH 1e-4 /* fraction of the far light that may be cut off */
+#define REACH 1e-4 /* fraction of the light that may be cut off */
 
 /* --- Extents -------------------------------------------------------------------------------------------------------------------------- */
 
@@ -100,9 +100,9 @@ static void place_planes(const struct convolution_state *st, struct conv_layout 
     const struct pell_frame *in = st->sources.in;
     const struct conv_behind *b = &st->sources.behind;
     const struct conv_extent *e = &st->job.extent;
-    const float gap = 8.001f * conv_pixel_at(in, high) * (float) st->room.step;
+    const float gap = 8.001f * conv_pixel_at(in, high) * (float) st->format.step;
     double count[BINS] = { 0 }, all = 0.0, sum = 0.0;
-    int at = 1;
+    int plane = 1;
 
     for (int y = e->rect.y0; y < e->rect.y1; y++)
         for (int x = e->rect.x0; x < e->rect.x1; x++)
@@ -113,13 +113,13 @@ static void place_planes(const struct convolution_state *st, struct conv_layout 
             count[(int) (conv_clamp((b->depth[i] - low) / (high - low), 0.0f, 0.9999f) * BINS)] += (double) (b->step * b->step);
     for (int i = 0; i < BINS; i++)
         all += count[i];
-    for (int i = 0; i < BINS && at < lay->planes - 1; i++) {
+    for (int i = 0; i < BINS && plane < lay->planes - 1; i++) {
         const double fraction = 0.5 * count[i] / all + 0.5 / BINS;
-        for (; at < lay->planes - 1 && sum + fraction >= (double) at / (lay->planes - 1); at++)
-            lay->depth[at] = low + (high - low) * (float) ((i + ((double) at / (lay->planes - 1) - sum) / fraction) / BINS);
+        for (; plane < lay->planes - 1 && sum + fraction >= (double) plane / (lay->planes - 1); plane++)
+            lay->depth[plane] = low + (high - low) * (float) ((i + ((double) plane / (lay->planes - 1) - sum) / fraction) / BINS);
         sum += fraction;
     }
-    /* Limits the spacing from below, however concentrated the depths are, to what lay_out has reserved memory for. */
+    /* Lower bound of the spacing, however concentrated the depths are: convolution_spectra_size relies on it. */
     for (int i = 1; i < lay->planes - 1; i++)
         lay->depth[i] = fmaxf(lay->depth[i], lay->depth[i - 1] + gap);
     for (int i = lay->planes - 2; i > 0; i--)
@@ -130,7 +130,7 @@ static void place_planes(const struct convolution_state *st, struct conv_layout 
  * small relative to the profile on a surface in depth; on a caller's planes the convolution stays exact. */
 #define FAR_PX 3.0f
 
-void convolution_take_room(struct convolution_state *st)
+void convolution_choose_format(struct convolution_state *st)
 {
     const struct conv_job *j = &st->job;
     const float pixel = conv_pixel_at(j->in, 0.5f * (j->extent.low + j->extent.high));
@@ -138,7 +138,7 @@ void convolution_take_room(struct convolution_state *st)
 
     for (int c = 0; c < 3; c++)
         far = far && (!(j->radial[c].total > 0.0f) || (!j->radial[c].point && sqrtf(j->radial[c].median2) >= FAR_PX * pixel));
-    st->room = st->rooms[st->knobs.resolution != CONV_AUTO_SIZE ? st->knobs.resolution : far ? CONV_HALF_SIZE : CONV_FULL];
+    st->format = st->formats[st->knobs.resolution != CONV_AUTO_SIZE ? st->knobs.resolution : far ? CONV_HALF_SIZE : CONV_FULL];
 }
 
 /* Chooses planes, and sizes of images and transforms. */
@@ -147,7 +147,7 @@ void convolution_lay_out(struct convolution_state *st)
     struct conv_job *j = &st->job;
     const struct pell_frame *in = j->in;
     const struct conv_extent *e = &j->extent;
-    const int align = st->room.step > st->sources.behind.step ? st->room.step : st->sources.behind.step;
+    const int align = st->format.step > st->sources.behind.step ? st->format.step : st->sources.behind.step;
     const double reach = convolution_reach(j->radial, REACH);
     struct conv_layout *lay = &j->layout;
     const float middle = 0.5f * (e->low + e->high), unit = conv_pixel_at(in, middle);
@@ -156,27 +156,27 @@ void convolution_lay_out(struct convolution_state *st)
 
     memset(lay, 0, sizeof(*lay));
     lay->group = j->group * (CONV_LEVELS + 1);
-    lay->planes = convolution_planes(&st->knobs, st->room.step);
+    lay->planes = convolution_planes(&st->knobs, st->format.step);
     if (!(high - low > 1e-2f * unit) || !(high - low > 4e-6f * high)) /* practically flat and facing the camera */
         lay->planes = 1;
     if (st->knobs.placement == CONV_SURFACE) /* at least the spacing at which kernels can be sampled at every second pixel */
-        for (; lay->planes > 2 && high - low < 16.0f * unit * (float) (st->room.step * (lay->planes - 1)); lay->planes--)
+        for (; lay->planes > 2 && high - low < 16.0f * unit * (float) (st->format.step * (lay->planes - 1)); lay->planes--)
             continue;
-    if (st->knobs.placement == CONV_SURFACE && lay->planes == 2 && high - low < 8.0f * unit * (float) st->room.step)
+    if (st->knobs.placement == CONV_SURFACE && lay->planes == 2 && high - low < 8.0f * unit * (float) st->format.step)
         lay->planes = 1;
     for (int i = 0; i < lay->planes; i++)
         lay->depth[i] = lay->planes == 1 ? middle : low + (high - low) * ((float) i / (float) (lay->planes - 1));
     if (st->knobs.placement == CONV_SURFACE && lay->planes > 2)
         place_planes(st, lay, low, high);
-    lay->unit = unit * (float) st->room.step;
+    lay->unit = unit * (float) st->format.step;
     for (int i = 0; i < lay->planes; i++)
         lay->pixel[i] = st->knobs.pixels == CONV_ONE
                             ? lay->unit
-                            : conv_clamp(conv_pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->room.step;
+                            : conv_clamp(conv_pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->format.step;
     j->x0 = e->rect.x0 / align * align;
     j->y0 = e->rect.y0 / align * align;
-    lay->width = (e->rect.x1 - j->x0 + st->room.step - 1) / st->room.step;
-    lay->height = (e->rect.y1 - j->y0 + st->room.step - 1) / st->room.step;
+    lay->width = (e->rect.x1 - j->x0 + st->format.step - 1) / st->format.step;
+    lay->height = (e->rect.y1 - j->y0 + st->format.step - 1) / st->format.step;
     pad = ceil(fmin(reach / (double) lay->pixel[0], 1e9)) + 1.0;
     lay->across = pell_fft_good(lay->width + (int) fmin(pad, lay->width), CONV_MULTIPLE);
     lay->down = pell_fft_good(lay->height + (int) fmin(pad, lay->height), CONV_MULTIPLE);
@@ -231,7 +231,7 @@ void convolution_measure_behind(struct convolution_state *st)
             }
     for (int c = 0; c < 3; c++)
         for (int l = 0; l < n; l++) {
-            const double next = n == 1 ? 0.0 : (double) (lay->depth[l + 1 < n ? l + 1 : l] - lay->depth[l + 1 < n ? l : l - 1]);
+            const double spacing = n == 1 ? 0.0 : (double) (lay->depth[l + 1 < n ? l + 1 : l] - lay->depth[l + 1 < n ? l : l - 1]);
             double all = 0.0, arrives = 0.0, low = 0.0, high = widest;
             for (int i = 0; i < BINS; i++) {
                 all += count[l][i];
@@ -244,7 +244,7 @@ void convolution_measure_behind(struct convolution_state *st)
                 else
                     high = middle;
             }
-            lay->behind[c][l] = (float) (n == 1 ? 0.0 : all > 0.0 ? high : 0.5 * next);
+            lay->behind[c][l] = (float) (n == 1 ? 0.0 : all > 0.0 ? high : 0.5 * spacing);
         }
 }
 

@@ -57,9 +57,9 @@ void convolution_take_level(struct convolution_state *st, const struct pell_fram
     j->radial = st->radial[material];
     if (level < 0)
         return;
-    if (st->level_of[level] != material + 1)
+    if (st->level_material[level] != material + 1)
         convolution_radial_make(m, exp2(-level), st->level_tables + (size_t) level * 3 * CONV_RADIAL_FLOATS, st->level_radial[level]);
-    st->level_of[level] = material + 1;
+    st->level_material[level] = material + 1;
     j->radial = st->level_radial[level];
 }
 

@@ -69,8 +69,8 @@ static void weight_hidden(const struct convolution_state *st, const struct buffe
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < count; i++)
             if (cells.group[i] == cells.own) {
-                entry_weight[c][i] *= b->counts[c][at + (size_t) i];
-                close[c][i] *= b->counts[c][at + (size_t) i];
+                entry_weight[c][i] *= b->carried[c][at + (size_t) i];
+                close[c][i] *= b->carried[c][at + (size_t) i];
             }
 }
 
@@ -129,7 +129,7 @@ static void set_weights(struct convolution_state *st)
         .by_response = st->knobs.restore == CONV_RESPONSE,
         .several = j->set->num_responses > 1,
         .pixel = j->layout.pixel,
-        .per_unit2 = st->sources.one_size ? 1.0f / (float) (st->room.step * st->room.step) : 1.0f / (j->layout.unit * j->layout.unit),
+        .per_unit2 = st->sources.one_size ? 1.0f / (float) (st->format.step * st->format.step) : 1.0f / (j->layout.unit * j->layout.unit),
         .response = { j->set->response[0], j->set->response[1], j->set->response[2] },
     };
     j->transfers = (struct conv_transfers) {
@@ -174,7 +174,7 @@ static void set_edges(struct convolution_state *st, int c)
         .value = r->value,
         .per_median2 = r->per_median2,
     };
-    if (!st->knobs.edges || st->room.step > 1 || st->knobs.split == CONV_HALF || st->knobs.restore != CONV_BETWEEN || r->point ||
+    if (!st->knobs.edges || st->format.step > 1 || st->knobs.split == CONV_HALF || st->knobs.restore != CONV_BETWEEN || r->point ||
         lay->planes == 1)
         return;
     s->fade = conv_clamp(1.5f - 0.5f * sqrtf(r->median2) / lay->unit, 0.0f, 1.0f);
@@ -240,12 +240,12 @@ static void spread_front(const struct convolution_state *st, const struct band *
         .image_size = to->size,
         .x0 = rect->x0 - j->x0,
         .width = (int) j->stride,
-        .step = st->room.step,
+        .step = st->format.step,
         .own = (uint16_t) (j->group + 1),
     };
     int ends[2] = { INT_MAX, 0 };
 
-    for (int row = j->y0 + y * st->room.step; row < j->y0 + (y + 1) * st->room.step; row++) {
+    for (int row = j->y0 + y * st->format.step; row < j->y0 + (y + 1) * st->format.step; row++) {
         const bool is = row >= rect->y0 && row < rect->y1;
         const int py = is ? row : rect->y0;
         const ptrdiff_t at = py * f->stride + j->x0;
@@ -270,8 +270,8 @@ struct cells {
 static void spread_cells(const struct convolution_state *st, const struct band *to, int first, bool front, const struct cells *c)
 {
     const struct conv_job *j = &st->job;
-    const int step = st->sources.behind.step, repeat = step > st->room.step ? step / st->room.step : 1,
-              per = st->room.step > step ? st->room.step / step : 1;
+    const int step = st->sources.behind.step, repeat = step > st->format.step ? step / st->format.step : 1,
+              per = st->format.step > step ? st->format.step / step : 1;
     const struct conv_spread s = {
         .planes = j->layout.planes,
         .between = front ? j->between : 0,
@@ -342,7 +342,7 @@ static void spread_behind(const struct convolution_state *st, const struct band 
             .entry_weight = b->entry_weight[j->channel] + at,
             .light = (j->uniform ? b->along_surface : b->light)[j->channel] + at,
             .count = end - x < CELLS ? end - x : CELLS,
-            .x = (x * b->step - j->x0) / st->room.step,
+            .x = (x * b->step - j->x0) / st->format.step,
             .y = y,
             .y1 = y1,
         };
@@ -374,25 +374,25 @@ static void spread_band(void *arg, int band, int worker)
     const struct conv_behind *b = &st->sources.behind;
     const int images = j->layout.planes + j->between + j->behind, y0 = band * CONV_BAND;
     const int top = j->extent.rect.y0 / b->step, last = (j->extent.rect.y1 - 1) / b->step; /* other cells have no coordinate */
-    const int repeat = b->step > st->room.step ? b->step / st->room.step : 1;
+    const int repeat = b->step > st->format.step ? b->step / st->format.step : 1;
     const struct band to = {
         .images = convolution_band_images(st, worker),
         .size = (size_t) CONV_BAND * (size_t) j->stride,
-        .marks = st->occupied + band * st->room.num_images,
+        .marks = st->occupied + band * st->format.num_images,
         .lit = &st->lit[band],
         .y0 = y0,
         .y1 = y0 + CONV_BAND < j->layout.height ? y0 + CONV_BAND : j->layout.height,
     };
 
-    for (int i = st->room.step == 1 ? j->layout.planes + j->between : 0; i < images; i++) /* the other images are written completely */
+    for (int i = st->format.step == 1 ? j->layout.planes + j->between : 0; i < images; i++) /* the other images are written completely */
         memset(to.images + (size_t) i * to.size, 0, to.size * sizeof(float));
-    memset(to.marks, 0, (size_t) st->room.num_images);
+    memset(to.marks, 0, (size_t) st->format.num_images);
     *to.lit = (struct pell_rect) { INT_MAX, INT_MAX, 0, 0 };
     for (int y = y0; y < to.y1; y++)
         spread_front(st, &to, y);
     for (int k = 0; k < b->layers; k++)
         for (int y = y0; y < to.y1; y += repeat)
-            for (int cy = (j->y0 + y * st->room.step) / b->step; cy * b->step < j->y0 + (y + repeat) * st->room.step; cy++)
+            for (int cy = (j->y0 + y * st->format.step) / b->step; cy * b->step < j->y0 + (y + repeat) * st->format.step; cy++)
                 if (cy >= top && cy <= last)
                     spread_behind(st, &to, k, cy, y, y + repeat < to.y1 ? y + repeat : to.y1);
     convolution_transform_rows(st, band, worker, to.images);

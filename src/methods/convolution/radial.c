@@ -61,14 +61,14 @@ static double integrate_line(const struct conv_radial *r, double distance2)
     return 2.0 * sum;
 }
 
-static void make_channel(const struct pell_frame_material *m, double radius, int c, float *memory, struct conv_radial *r)
+static void make_channel(const struct pell_frame_material *m, double radius_scale, int c, float *memory, struct conv_radial *r)
 {
     const double total = pell_profile_total(&m->profile[c]);
-    const double median = total > 0.0 ? radius * pell_profile_sample(&m->profile[c], 0.5) : 0.0;
+    const double median = total > 0.0 ? radius_scale * pell_profile_sample(&m->profile[c], 0.5) : 0.0;
 
     *r = (struct conv_radial) {
         .profile = &m->profile[c],
-        .radius = radius,
+        .radius_scale = radius_scale,
         .scale = m->white && total > 0.0 ? (float) (1.0 / total) : 1.0f,
         .total = m->white ? 1.0f : (float) total,
         .point = !(median > 1e-12 && median < 1e12),
@@ -81,18 +81,18 @@ static void make_channel(const struct pell_frame_material *m, double radius, int
     if (r->point)
         return;
     for (int i = 0; i <= CONV_ROWS; i++) {
-        const double at = sqrt(radius2_at(r, i, CONV_ROWS_OCTAVE)) / radius;
-        const double R = pell_profile_eval(r->profile, at) / (radius * radius) * (double) r->scale;
+        const double at = sqrt(radius2_at(r, i, CONV_ROWS_OCTAVE)) / radius_scale;
+        const double R = pell_profile_eval(r->profile, at) / (radius_scale * radius_scale) * (double) r->scale;
         r->value[i] = R < 1e37 ? (float) R : 1e37f;
     }
     for (int i = 0; i <= CONV_LINE_ROWS; i++)
         r->line[i] = (float) integrate_line(r, radius2_at(r, i, CONV_LINE_OCTAVE));
 }
 
-void convolution_radial_make(const struct pell_frame_material *m, double radius, float *memory, struct conv_radial out[3])
+void convolution_radial_make(const struct pell_frame_material *m, double radius_scale, float *memory, struct conv_radial out[3])
 {
     for (int c = 0; c < 3; c++)
-        make_channel(m, radius, c, memory + c * CONV_RADIAL_FLOATS, &out[c]);
+        make_channel(m, radius_scale, c, memory + c * CONV_RADIAL_FLOATS, &out[c]);
 }
 
 double convolution_reach(const struct conv_radial r[3], double fraction)
@@ -101,13 +101,13 @@ double convolution_reach(const struct conv_radial r[3], double fraction)
 
     for (int c = 0; c < 3; c++)
         if (!r[c].point)
-            reach = fmax(reach, r[c].radius * pell_profile_sample(r[c].profile, 1.0 - fraction));
+            reach = fmax(reach, r[c].radius_scale * pell_profile_sample(r[c].profile, 1.0 - fraction));
     return reach;
 }
 
 double convolution_radial_beyond(const struct conv_radial *r, double h)
 {
-    return r->point ? (h > 0.0 ? 0.0 : (double) r->total) : (double) r->total * (1.0 - pell_profile_cdf(r->profile, h / r->radius));
+    return r->point ? (h > 0.0 ? 0.0 : (double) r->total) : (double) r->total * (1.0 - pell_profile_cdf(r->profile, h / r->radius_scale));
 }
 
 /* --- Squares ------------------------------------------------------------------------------------------------------------------------- */
@@ -120,7 +120,7 @@ static double in_corner(const struct conv_radial *r, double x, double y, const d
     for (int side = 0; side < 2; side++) {
         const double a = side ? y : x, b = side ? x : y, angle = atan2(b, a);
         for (int i = 0; i < NODES; i++)
-            sum += weight[i] * angle * pell_profile_cdf(r->profile, a / (cos(angle * node[i]) * r->radius));
+            sum += weight[i] * angle * pell_profile_cdf(r->profile, a / (cos(angle * node[i]) * r->radius_scale));
     }
     return (double) r->total * sum / (2.0 * PELL_PI);
 }

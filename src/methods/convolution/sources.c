@@ -12,7 +12,7 @@
 
 #include <string.h>
 
-#define MIN_COUNT 1e-3f
+#define MIN_CARRIED 1e-3f
 
 /* --- Visible surface ---------------------------------------------------------------------------------------------------------------- */
 
@@ -127,24 +127,24 @@ static float cell_middle(const struct conv_behind *b, int cell)
 /* Fraction of a sample's light that the planes carry. Faces with the orientation of pixels, toward the camera or nearly so past a rim,
  * light the pixel along the surface; others through the object: by the planes, or by the engine where it solves diffusion in the solid;
  * `transmitted`: pell_services_transmitted. */
-static bool find_counts(const struct conv_sources *s, const struct pell_points16 *points, const float transmitted[3][16], int i,
-                        struct pell_vec3 normal, struct pell_vec3 direction, float counts[3], float *along)
+static bool find_carried(const struct conv_sources *s, const struct pell_points16 *points, const float transmitted[3][16], int i,
+                         struct pell_vec3 normal, struct pell_vec3 direction, float carried[3], float *along)
 {
     const float away = fminf(vec3_dot(normal, direction), 1.0f);
     float most = 0.0f;
 
-    counts[0] = counts[1] = counts[2] = *along = 1.0f;
+    carried[0] = carried[1] = carried[2] = *along = 1.0f;
     if (away > 0.0f) {
         *along = 1.0f - away * away;
         for (int c = 0; c < 3; c++)
-            counts[c] =
+            carried[c] =
                 s->by_slab && s->by_slab[s->solids->solids[s->solids->of_mesh[points->mesh[i]]].material] ? 0.0f : transmitted[c][i];
     }
     for (int c = 0; c < 3; c++) {
-        counts[c] += *along * (1.0f - counts[c]);
-        most = fmaxf(most, counts[c]);
+        carried[c] += *along * (1.0f - carried[c]);
+        most = fmaxf(most, carried[c]);
     }
-    return most > MIN_COUNT;
+    return most > MIN_CARRIED;
 }
 
 /* Ray hits and their attributes. */
@@ -161,9 +161,9 @@ static void put_sample(const struct conv_sources *s, const struct cells *c, int 
     const struct pell_points16_light *light = &ray_hits->light;
     const size_t to = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width + (size_t) c->x[i];
     const struct pell_vec3 n = vec3(light->normal[0][i], light->normal[1][i], light->normal[2][i]);
-    float counts[3], along;
+    float carried[3], along;
 
-    if (!find_counts(s, &ray_hits->points, ray_hits->transmitted, i, n, c->direction[i], counts, &along))
+    if (!find_carried(s, &ray_hits->points, ray_hits->transmitted, i, n, c->direction[i], carried, &along))
         return;
     if (layer > 0 && !(light->irradiance[0][i] + light->irradiance[1][i] + light->irradiance[2][i] > 0.0f))
         along = 0.0f; /* probably one part of the object inside another, which receives no light */
@@ -173,8 +173,8 @@ static void put_sample(const struct conv_sources *s, const struct cells *c, int 
     b->group[to] = (uint16_t) (s->solids->of_mesh[ray_hits->points.mesh[i]] + 1);
     for (int k = 0; k < 3; k++) {
         b->light[k][to] = light->irradiance[k][i];
-        b->counts[k][to] = counts[k];
-        b->along_surface[k][to] = along / fmaxf(counts[k], MIN_COUNT);
+        b->carried[k][to] = carried[k];
+        b->along_surface[k][to] = along / fmaxf(carried[k], MIN_CARRIED);
     }
 }
 
@@ -224,7 +224,7 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
     for (int layer = 0; layer < b->layers; layer++) {
         struct ray_hits ray_hits;
         float spacing = 0.0f;
-        int num_layers = 0;
+        int num_hits = 0;
         for (int i = 0; i < 16; i++) {
             hit.ray.tfar[i] = s->far_depth;
             hit.hit.mesh[i] = PELL_NO_HIT;
@@ -243,14 +243,14 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
             ray_hits.points.v[i] = hit.hit.v[i];
             ray_hits.points.seed[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
             spacing += is ? conv_pixel_at(s->in, ray_hits.depth[i]) * (float) b->step : 0.0f;
-            num_layers += is;
+            num_hits += is;
         }
-        if (num_layers == 0)
+        if (num_hits == 0)
             break;
         rays += (int) pell_services_light16(
             s->services,
             &(struct pell_points_params) {
-                .mix = -1.0f, .spacing = spacing / (float) num_layers, .samples = s->in->num_samples, .local = s->by_slab != NULL },
+                .mix = -1.0f, .spacing = spacing / (float) num_hits, .samples = s->in->num_samples, .local = s->by_slab != NULL },
             &ray_hits.points, NULL, 16, &ray_hits.light);
         pell_services_transmitted(s->services, &ray_hits.points, 16, ray_hits.transmitted);
         for (int i = 0; i < c->count; i++)

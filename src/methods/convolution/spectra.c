@@ -13,14 +13,9 @@
 
 #include <string.h>
 
-enum { NEAR = 7, MULTIPLE = 16 }; /* pixels from the centre that are integrated over their squares */
+enum { NEAR = 7 }; /* pixels from the centre that are integrated over their squares */
 
 /* --- Sizes --------------------------------------------------------------------------------------------------------------------------- */
-
-static int round_up(int n, int multiple)
-{
-    return (n + multiple - 1) / multiple * multiple;
-}
 
 /* Number of floats of a complete spectrum. */
 static size_t whole(int across, int down)
@@ -30,7 +25,7 @@ static size_t whole(int across, int down)
 
 size_t convolution_spectra_size(const struct convolution_knobs *k, int step, bool orthographic, int width, int height)
 {
-    const int across = pell_fft_good(2 * width, MULTIPLE), down = pell_fft_good(2 * height, MULTIPLE);
+    const int across = pell_fft_good(2 * width, CONV_MULTIPLE), down = pell_fft_good(2 * height, CONV_MULTIPLE);
     const size_t full = whole(across, down), n = (size_t) convolution_planes(k, step), own = orthographic ? 1 : n;
     const size_t half = ((size_t) across / 64 + 2) * ((size_t) down / 4 + 2) * PELL_FFT_LANES; /* of planes at least 8 pixels apart */
     const size_t pairs = k->placement == CONV_SURFACE ? full + n * (n - 1) / 2 * half : full * (n - 1);
@@ -38,15 +33,17 @@ size_t convolution_spectra_size(const struct convolution_knobs *k, int step, boo
     return 3 * (full * (own + (k->surfaces > 1 && k->apart ? n : 0)) + pairs) + 64;
 }
 
-/* Quadrants of a kernel, then two buffers and two tables of transforms. */
+/* Number of floats of a quadrant of a kernel. */
 static size_t quarter_size(int across, int down)
 {
-    return (size_t) (round_up(across / 2 + 1, PELL_FFT_LANES) + 2 * PELL_FFT_LANES) * (size_t) round_up(down / 2 + 1, 2 * PELL_FFT_LANES);
+    return (size_t) (conv_round_up(across / 2 + 1, PELL_FFT_LANES) + 2 * PELL_FFT_LANES) *
+           (size_t) conv_round_up(down / 2 + 1, 2 * PELL_FFT_LANES);
 }
 
+/* A quadrant of a kernel, two buffers and two tables of transforms. */
 size_t convolution_spectra_scratch(int width, int height)
 {
-    const int across = pell_fft_good(2 * width, MULTIPLE), down = pell_fft_good(2 * height, MULTIPLE);
+    const int across = pell_fft_good(2 * width, CONV_MULTIPLE), down = pell_fft_good(2 * height, CONV_MULTIPLE);
 
     return quarter_size(across, down) + 2 * pell_fft_buffer(across > down ? across : down) + 3 * ((size_t) across + (size_t) down) + 4096;
 }
@@ -98,7 +95,7 @@ static void make_spectrum(void *arg, int index, int worker)
     const struct kernel *k = &m->list[index];
     const struct conv_layout *lay = m->layout;
     const int nx = lay->across / k->step, ny = lay->down / k->step, hx = nx / 2, hy = ny / 2, L = PELL_FFT_LANES, E = PELL_FFT_ELEMENT;
-    const int stride = round_up(hx + 1, L) + 2 * L, columns = k->step > 1 ? hx : hx + 1;
+    const int stride = conv_round_up(hx + 1, L) + 2 * L, columns = k->step > 1 ? hx : hx + 1;
     const float scale = (float) ((double) k->step * k->step / ((double) lay->across * lay->down));
     const struct conv_samples s = {
         .value = k->radial->value,
@@ -203,7 +200,6 @@ static void list_channel(struct maker *m, const struct convolution_knobs *k, con
         if (h >= 0.0 && is_kept(k, r, h))
             add(m, r, h, lay->pixel[i], lay->unit, !(h > 0.0), &out->behind[c][i], used);
     }
-    out->kept[c] = 0;
     for (int from = 0, at = 0; from < n; from++)
         for (int to = from + 1; to < n; to++, at++) {
             const double h = fabs((double) lay->depth[to] - (double) lay->depth[from]);
@@ -212,7 +208,6 @@ static void list_channel(struct maker *m, const struct convolution_knobs *k, con
             struct conv_spectrum *s = &out->far[c][equal ? to - from - 1 : at];
             if (keep && (!equal || from == 0))
                 add(m, r, h, equal ? lay->unit : pixel, lay->unit, false, s, used);
-            out->kept[c] += keep;
             out->pairs[c][at] = (struct conv_pair) {
                 .from = from,
                 .to = to,

@@ -8,7 +8,7 @@
 
 #include "methods/convolution/convolution.h"
 
-enum { CONV_BAND = 16, CONV_SETS = 4, CONV_MULTIPLE = 16, CONV_LEVELS = 7 };
+enum { CONV_BAND = 16, CONV_SETS = 4, CONV_LEVELS = 7 };
 enum {
     CONV_T_AREAS,
     CONV_T_BEHIND,
@@ -31,8 +31,8 @@ struct conv_extent {
     int64_t pixels;
 };
 
-/* Images at one resolution. */
-struct conv_room {
+/* Sizes of the images at one resolution. */
+struct conv_format {
     int step;                                           /* pixels of the frame per pixel of an image */
     int width, height, across, down, bands, num_images; /* upper bounds */
     size_t image_size, half_size;                       /* per image */
@@ -52,7 +52,7 @@ struct convolution_state {
     bool *by_slab;                          /* by material: light is transmitted as through a slab, not by the planes */
     float *tables;
     struct conv_radial level_radial[CONV_LEVELS][3]; /* of a material at other strengths */
-    size_t level_of[CONV_LEVELS];                    /* index of that material + 1 */
+    size_t level_material[CONV_LEVELS];              /* that material's index + 1 */
     float *level_tables;
     struct conv_spectra sets[CONV_SETS];
     size_t num_sets;
@@ -63,8 +63,8 @@ struct convolution_state {
     unsigned char *present;   /* groups present in a frame */
     int *ray_counts;
 
-    struct conv_room rooms[CONV_AUTO_SIZE], room; /* by enum conv_resolution, the possible ones; and that of the job */
-    float *images;                                /* of planes at reduced resolution */
+    struct conv_format formats[CONV_AUTO_SIZE], format; /* by enum conv_resolution, the possible ones; and that of the job */
+    float *images;                                      /* of planes at reduced resolution */
     float *half, **scratch, *scratch_memory, *uniform;
     unsigned char *occupied; /* [band][image] */
     struct pell_rect *lit;   /* per band: bounds of its light, pixels of images */
@@ -112,18 +112,18 @@ static inline float conv_clamp(float x, float low, float high)
 
 static inline float *conv_image(const struct convolution_state *st, int image)
 {
-    return st->images + (size_t) image * st->room.image_size;
+    return st->images + (size_t) image * st->format.image_size;
 }
 
 static inline float *conv_half(const struct convolution_state *st, int image)
 {
-    return st->half + (size_t) image * st->room.half_size;
+    return st->half + (size_t) image * st->format.half_size;
 }
 
 /* layout.c: extent of the job's group, its planes and the sizes of its images, the coordinate of each sample among the planes, and the
  * images that the frame needs. */
 void convolution_find_extent(struct convolution_state *st);
-void convolution_take_room(struct convolution_state *st);
+void convolution_choose_format(struct convolution_state *st);
 void convolution_lay_out(struct convolution_state *st);
 void convolution_find_coords(struct convolution_state *st);
 /* Distance of hidden light from the plane that it shares with visible light: the distance with the mean transfer over all rays. Planes
@@ -141,8 +141,8 @@ void convolution_transform_rows(struct convolution_state *st, int band, int work
 void convolution_transform_columns(struct convolution_state *st);
 void convolution_transform_back(struct convolution_state *st, int band, int worker, const bool *which, float *images, size_t size);
 
-/* levels.c: strength maps: the levels that the job's pixels need; the job's profile at one level; weights of one row's pixels at a
- * level. */
+/* levels.c: strength maps: the levels that the job's pixels need; the job's profile at one level; the light of a level, added to
+ * a row of the frame. */
 bool convolution_has_strength_maps(const struct pell_scene *scene);
 void convolution_find_levels(struct convolution_state *st, float constant);
 void convolution_take_level(struct convolution_state *st, const struct pell_frame_material *m, size_t material, int level);

@@ -55,7 +55,7 @@ void convolution_transform_rows(struct convolution_state *st, int band, int work
 
     buffers_of(st, worker, buffer);
     for (int i = 0; i < num; i++)
-        if ((which[i] = st->occupied[band * st->room.num_images + i]))
+        if ((which[i] = st->occupied[band * st->format.num_images + i]))
             list[count++] = i;
     convolution_show_band(st, band, false, which, images, size);
     for (int i = 0; i < count; i += 2) {
@@ -108,7 +108,7 @@ static void columns_block(void *arg, int index, int worker)
         for (int band = 0; band < j->bands; band++) { /* bands without light have no spectrum */
             const ptrdiff_t at = (ptrdiff_t) band * CONV_BAND * E;
             const size_t bytes = (size_t) num_rows(j, band) * E * sizeof(float);
-            if (st->occupied[band * st->room.num_images + i])
+            if (st->occupied[band * st->format.num_images + i])
                 memcpy(in + at, conv_half(st, i) + index * j->block + at, bytes);
             else
                 memset(in + at, 0, bytes);

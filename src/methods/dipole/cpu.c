@@ -4,10 +4,11 @@
  *
  * Two techniques sample y, both with densities per surface area:
  *
- * - area: uniform over the whole solid, p = 1/area. - probes (King et al. 2013): an axis a (the normal with probability 1/2, each tangent
- * with 1/4), a channel, a radius r distributed like that
- *   channel's R, an angle; every intersection of the line along a through that point with the surface, within a sphere around x, is a y.
- *   Each y can be found by any axis and channel, so p = Sum_a P_a |n_y . a| Sum_c P_c p_c(distance of y from the axis a through x).
+ * area    uniform over the whole solid, p = 1/area.
+ * probes  (King et al. 2013) an axis a (the normal with probability 1/2, each tangent with 1/4), a channel, a radius r distributed like
+ *         that channel's R, an angle; every intersection of the line along a through that point with the surface, within a sphere
+ *         around x, is a y. Each y can be found by any axis and channel, so p = Sum_a P_a |n_y . a| Sum_c P_c p_c(r_a), r_a the
+ *         distance of y from the axis a through x.
  *
  * They are combined by the balance heuristic (Veach and Guibas 1995): every y found by either adds R E / (N_probes p_probes + N_area
  * p_area).
@@ -36,7 +37,7 @@ enum {
     DARK_BATCHES = 128,   /* batches where the pilot found no light */
     MAX_HITS = 64,        /* surfaces along a probe; further ones are dropped */
     MAX_POINTS = 64,      /* queued until their irradiance is computed */
-    BATCH = 16,           /* rows between two progress reports */
+    ROWS_TOGETHER = 16,   /* rows between two progress reports */
 };
 
 struct solid {
@@ -71,8 +72,8 @@ struct pixel {
     int32_t solid_index;
     struct pell_vec3 at, axis[3];
     double strength;
-    float returned[3], scale[3];    /* pell_services_returned, scaled by the solid's scale */
-    double near_probes, near_areas; /* samples per technique and batch */
+    float returned[3], scale[3];  /* factors by pell_services_returned; scale: transmission, times the solid's scale */
+    double num_probes, num_areas; /* samples per technique and batch */
     uint32_t seed;
     double error; /* target relative standard error */
     double sum[BATCHES_TOGETHER][3];
@@ -92,9 +93,9 @@ static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec
     const struct dipole_radii *radii = &p->solid->radii;
     const struct pell_vec3 to = vec3_sub(y, p->at);
     const double s2 = p->strength * p->strength, d2 = (double) vec3_dot(to, to) / s2;
-    double sum = p->near_areas / p->surface->area;
+    double sum = p->num_areas / p->surface->area;
 
-    if (p->near_probes == 0.0 || d2 >= radii->largest * radii->largest)
+    if (p->num_probes == 0.0 || d2 >= radii->largest * radii->largest)
         return sum;
     for (int a = 0; a < 3; a++) {
         const double along = (double) vec3_dot(to, p->axis[a]), facing = fabs((double) vec3_dot(n, p->axis[a]));
@@ -102,12 +103,12 @@ static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec
         double of_radius = 0.0;
         for (int c = 0; c < 3; c++)
             of_radius += dipole_radii_density(radii, c, r2);
-        sum += p->near_probes * fraction[a] * facing * of_radius / (s2 * radii->channels);
+        sum += p->num_probes * fraction[a] * facing * of_radius / (s2 * radii->channels);
     }
     return sum;
 }
 
-/* Directional correction of the profile between the pixel and a point, `v` away from it, with the normal `n`. */
+/* Corrects R for the orientation of the faces: `v` from a point with the normal `n` to the pixel. */
 static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n, float curvature, float R[3])
 {
     const float s = (float) p->strength;
@@ -139,18 +140,18 @@ static void settle(struct pixel *p)
     for (int i = 0; i < p->count; i++) {
         const struct pell_vec3 y = vec3(position[0][i], position[1][i], position[2][i]);
         const struct pell_vec3 n = vec3(normal[0][i], normal[1][i], normal[2][i]), to = vec3_sub(y, p->at);
-        double r, samples;
+        double r, samples_per_mm2;
         float R[3];
         if (!valid[i] || !(irradiance[0][i] + irradiance[1][i] + irradiance[2][i] > 0.0f))
             continue;
-        samples = density(p, y, n);
+        samples_per_mm2 = density(p, y, n);
         r = sqrt((double) vec3_dot(to, to)) / p->strength;
         for (int c = 0; c < 3; c++)
             R[c] = (float) (p->solid->scale[c] * pell_profile_eval(&p->solid->profile[c], fmax(r, 1e-9)));
         if (p->solid->is_opposed)
             oppose(p, vec3_mul(to, -1.0f), n, curvature[i], R);
-        for (int c = 0; samples > 0.0 && c < 3; c++)
-            p->sum[p->batch[i]][c] += (double) R[c] * (double) irradiance[c][i] / (samples * p->strength * p->strength);
+        for (int c = 0; samples_per_mm2 > 0.0 && c < 3; c++)
+            p->sum[p->batch[i]][c] += (double) R[c] * (double) irradiance[c][i] / (samples_per_mm2 * p->strength * p->strength);
     }
     p->count = 0;
 }
@@ -249,9 +250,9 @@ static void run_batches(struct pixel *p, uint32_t first, int64_t count, struct p
         memset(p->sum, 0, sizeof(p->sum));
         for (int i = 0; i < BATCHES_TOGETHER; i++) {
             const uint32_t seed = pell_hash(p->seed ^ pell_hash(first + (uint32_t) s->count + (uint32_t) i));
-            if (p->near_probes > 0.0)
+            if (p->num_probes > 0.0)
                 send_probes(p, i, seed);
-            spread_areas(p, i, seed, (int) p->near_areas);
+            spread_areas(p, i, seed, (int) p->num_areas);
         }
         settle(p);
         for (int i = 0; i < BATCHES_TOGETHER; i++)
@@ -262,7 +263,7 @@ static void run_batches(struct pixel *p, uint32_t first, int64_t count, struct p
 static void estimate(struct pixel *p, const float own[3], float out[3], float standard_error[3])
 {
     const struct dipole_knobs *k = &p->st->knobs;
-    const int a_batch = (int) (p->near_probes + p->near_areas);
+    const int a_batch = (int) (p->num_probes + p->num_areas);
     const int images = reference_images(k->half);
     const double most = fmax((double) k->most / a_batch, MIN_BATCHES) / images;
     double mean[3], spread[3], needed;
@@ -311,8 +312,8 @@ static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, stru
     p->axis[2] = vec3_normalize(normal);
     vec3_basis(p->axis[2], &p->axis[0], &p->axis[1]);
     p->strength = fmin((double) strength, 1.0);
-    p->near_probes = sampling == DI_AREA ? 0.0 : BATCH_PROBES;
-    p->near_areas = sampling == DI_AREA ? BATCH_PROBES : sampling == DI_BOTH ? BATCH_AREAS : 0.0;
+    p->num_probes = sampling == DI_AREA ? 0.0 : BATCH_PROBES;
+    p->num_areas = sampling == DI_AREA ? BATCH_PROBES : sampling == DI_BOTH ? BATCH_AREAS : 0.0;
     p->seed = pell_point_seed(at, seed);
     p->count = 0;
 }
@@ -387,11 +388,11 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
 
     memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
-    for (t.first = 0; t.first < rows; t.first += BATCH) {
-        pell_pool_run(st->services->pool, rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
+    for (t.first = 0; t.first < rows; t.first += ROWS_TOGETHER) {
+        pell_pool_run(st->services->pool, rows - t.first < ROWS_TOGETHER ? rows - t.first : ROWS_TOGETHER, do_row, &t);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
-        reference_progress(st->ctx, "dipole", in, t.first + BATCH, rows);
+        reference_progress(st->ctx, "dipole", in, t.first + ROWS_TOGETHER, rows);
     }
     for (int i = 0; i < threads; i++) {
         sum.pixels += st->counts[i].pixels;

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#define SHARE 0.9999 /* fraction of a channel's light inside the largest radius */
+#define INSIDE 0.9999 /* fraction of a channel's light inside the largest radius */
 
 void dipole_radii_make(const struct pell_frame_material *m, struct dipole_radii *r)
 {
@@ -15,7 +15,7 @@ void dipole_radii_make(const struct pell_frame_material *m, struct dipole_radii 
         if (!(pell_profile_total(&m->profile[c]) > 0.0))
             continue;
         for (int k = 1; k <= DI_RINGS; k++) {
-            const double radius = pell_profile_sample(&m->profile[c], SHARE * k / DI_RINGS);
+            const double radius = pell_profile_sample(&m->profile[c], INSIDE * k / DI_RINGS);
             /* Rings have an area, even where a table's light is concentrated at one radius. */
             r->square[c][k] = fmax(radius * radius, r->square[c][k - 1] * (1.0 + 1e-9) + 1e-24);
         }

@@ -39,8 +39,8 @@ struct solid {
     struct pell_light_tree tree;
     struct pell_opposed opposed;
     bool is_opposed;
-    float scale[3];           /* of transmitted light: 1, or white */
-    float cell, reach2, full; /* mm^2: mean area of a sample; of the window; and Int w dA on a plane */
+    float scale[3];                       /* of transmitted light: 1, or white */
+    float mean_area, reach2, window_area; /* mm^2: mean area of a sample; squared radius of the window; Int w dA on a plane */
 };
 
 struct hierarchical_state {
@@ -60,7 +60,7 @@ struct light_task {
     struct pell_surface_sample *samples;
     bool *valid;
     size_t count;
-    double step; /* mm^2 */
+    double mean_area; /* mm^2, of a sample */
 };
 
 static void light_chunk(void *arg, int index, int worker)
@@ -78,7 +78,7 @@ static void light_chunk(void *arg, int index, int worker)
         .valid = t->valid + first,
     };
     const struct pell_points_params params = {
-        .mix = -1.0f, .opposed = true, .spacing = (float) sqrt(t->step), .samples = t->st->services->settings->msaa
+        .mix = -1.0f, .opposed = true, .spacing = (float) sqrt(t->mean_area), .samples = t->st->services->settings->msaa
     };
 
     (void) worker;
@@ -105,7 +105,7 @@ static void light_chunk(void *arg, int index, int worker)
 static enum pell_result sample_solid(struct hierarchical_state *st, const struct pell_solid *solid, size_t count,
                                      struct pell_light_tree *tree)
 {
-    struct light_task t = { .st = st, .count = count, .step = solid->area / (double) count };
+    struct light_task t = { .st = st, .count = count, .mean_area = solid->area / (double) count };
     const int chunks = (int) ((count + CHUNK - 1) / CHUNK);
     size_t kept = 0;
     enum pell_result res = PELL_ERR_NOMEM;
@@ -141,24 +141,24 @@ static enum pell_result make_solid(struct hierarchical_state *st, const struct p
     struct solid *b = &st->solid[index];
     const struct pell_frame_material *m = &shape->materials[from->material];
     struct pell_profile *profile;
-    double across = 0.0, distance, reach;
+    double diagonal = 0.0, spacing, reach;
     enum pell_result res;
 
     for (int k = 0; k < 3; k++)
-        across += pow((double) scene->bounds_max[k] - (double) scene->bounds_min[k], 2.0);
-    distance = sqrt(from->area / (double) count);
-    across = fmax(sqrt(across), distance);
-    reach = (double) REACH * distance;
-    b->cell = (float) (distance * distance);
+        diagonal += pow((double) scene->bounds_max[k] - (double) scene->bounds_min[k], 2.0);
+    spacing = sqrt(from->area / (double) count);
+    diagonal = fmax(sqrt(diagonal), spacing);
+    reach = (double) REACH * spacing;
+    b->mean_area = (float) (spacing * spacing);
     b->reach2 = (float) (reach * reach);
-    b->full = (float) (PELL_PI * reach * reach / 3.0);
+    b->window_area = (float) (PELL_PI * reach * reach / 3.0);
     b->is_opposed = st->services->settings->opposed && pell_solid_has_medium(scene, from, m) && pell_opposed_make(&m->medium, &b->opposed);
     profile = pell_alloc_array(st->ctx, 3, sizeof(*profile));
     if (!profile)
         return PELL_ERR_NOMEM;
     PELL_TRY(hierarchical_radial_fit(st->ctx, m, st->knobs.gaussians, profile));
     PELL_TRY(
-        hierarchical_radial_make(st->ctx, profile, m->white, distance / 8.0, 16.0 * across, reach, distance / sqrt(PELL_PI), &b->radial));
+        hierarchical_radial_make(st->ctx, profile, m->white, spacing / 8.0, 16.0 * diagonal, reach, spacing / sqrt(PELL_PI), &b->radial));
     for (int c = 0; c < 3; c++)
         b->scale[c] = (float) pell_profile_scale(&m->profile[c], m->white);
     PELL_TRY(sample_solid(st, from, count, &b->tree));
@@ -238,12 +238,11 @@ fail:
 /* R of all channels at a squared radius. */
 static inline void look_up(const struct hierarchical_radial *t, float r2, float out[4])
 {
-    uint32_t bits;
+    const uint32_t bits = (uint32_t) pell_float_bits(r2);
     int at;
     float f;
     const float *a;
 
-    memcpy(&bits, &r2, sizeof(bits));
     at = (int) (bits >> HI_SHIFT) - t->first;
     f = (float) (bits & ((1u << HI_SHIFT) - 1)) * (1.0f / (float) (1u << HI_SHIFT));
     if (at < 0) {
@@ -275,7 +274,7 @@ static inline float length2(const float *a)
     return a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
 }
 
-/* Transmission of a flat thin part, R, G and B: pell_services_returned, scaled by the solid's scale. */
+/* Factors of a flat thin part, R, G and B, by pell_services_returned; scale: transmission, times the solid's scale. */
 struct slab {
     float returned[3], scale[3];
 };
@@ -283,7 +282,7 @@ struct slab {
 /* The point where light leaves. */
 struct exit {
     const float *at, *normal;
-    float inverse, inverse2; /* of the strength */
+    float inverse, inverse2; /* reciprocal of the strength, and its square */
     const struct slab *slab;
 };
 
@@ -329,7 +328,7 @@ static void add_samples(const struct solid *b, const struct pell_light_node *n, 
 /* Similarity of the samples in the window to a smooth surface without a border, 0 to 1. */
 static float smooth_surface(const struct solid *b, const struct near *n)
 {
-    const float cover = n->area / b->full;
+    const float cover = n->area / b->window_area;
     float length;
 
     if (!(n->area > 0.0f))
@@ -343,8 +342,8 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
 {
     const struct pell_light_node *nodes = b->tree.nodes;
     const float error = st->knobs.error, s = strength > 1.0f ? 1.0f : strength;
-    const float step = s * (HI_STRENGTHS - 1);
-    const int row = (int) (step + 0.5f);
+    const float coord = s * (HI_STRENGTHS - 1);
+    const int row = (int) (coord + 0.5f);
     float inverse2, sum[4] = { 0 }, q;
     struct near near = { { 0 } };
     struct exit x;
@@ -379,7 +378,7 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
     }
     q = st->knobs.near == HI_NEAR_PLAIN ? 0.0f : smooth_surface(b, &near);
     for (int c = 0; c < 3; c++) {
-        const float core = slab->returned[c] * b->radial.core[row][c] * b->cell, weight = near.weight[c] * inverse2 + core;
+        const float core = slab->returned[c] * b->radial.core[row][c] * b->mean_area, weight = near.weight[c] * inverse2 + core;
         const float mean = weight > 0.0f ? (near.light[c] * inverse2 + core * own[c]) / weight : own[c];
         const float light =
             sum[c] * inverse2 + q * slab->returned[c] * b->radial.window[row][c] * mean + (1.0f - q) * near.light[c] * inverse2;

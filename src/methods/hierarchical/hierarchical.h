@@ -25,7 +25,7 @@ struct hierarchical_knobs {
 
 /* --- radial.c: a profile as a table over the squared radius ---------------------------------------------------------------------- */
 
-#define HI_STRENGTHS 65 /* steps of the strength, uniform over [0, 1] */
+#define HI_STRENGTHS 65 /* strengths, uniform over [0, 1] */
 
 /* R(r) of three channels, normalised if white. Nodes are uniform within each octave of r^2, so that the node index consists of bits of the
  * float; linear interpolation. R is constant below the first node and 0 beyond the last. */
@@ -60,7 +60,7 @@ struct hierarchical_sample {
 };
 
 /* `count` sample points with a minimum distance from one another, in the order of the solid's curve; the caller owns *out. Temporarily
- * needs 72 bytes for each of two candidates per sample. The same bits for any number of threads. */
+ * needs about 120 bytes for each of two candidates per sample. The same bits for any number of threads. */
 PELL_NODISCARD enum pell_result hierarchical_samples_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
                                                           const struct pell_solid *solid, size_t count, struct hierarchical_sample **out);
 

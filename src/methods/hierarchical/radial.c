@@ -10,20 +10,6 @@
 
 #define RADII 2048 /* number of radii, with equal fractions of the light, for integrals */
 
-static uint32_t bits_of(float x)
-{
-    uint32_t b;
-    memcpy(&b, &x, sizeof(b));
-    return b;
-}
-
-static float float_of(uint32_t b)
-{
-    float x;
-    memcpy(&x, &b, sizeof(x));
-    return x;
-}
-
 double hierarchical_radial_length(const struct pell_frame_material *m)
 {
     double least = INFINITY;
@@ -88,8 +74,8 @@ enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct
                                           double high, double reach, double disc, struct hierarchical_radial *r)
 {
     r->ctx = ctx;
-    r->first = (int) (bits_of((float) fmax(low * low, 1e-30)) >> HI_SHIFT);
-    r->count = (int) (bits_of((float) fmin(high * high, 1e30)) >> HI_SHIFT) + 1 - r->first;
+    r->first = pell_float_bits((float) fmax(low * low, 1e-30)) >> HI_SHIFT;
+    r->count = (pell_float_bits((float) fmin(high * high, 1e30)) >> HI_SHIFT) + 1 - r->first;
     r->node = pell_calloc(ctx, (size_t) r->count + 2, sizeof(*r->node));
     if (!r->node)
         return PELL_ERR_NOMEM;
@@ -99,7 +85,7 @@ enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct
         r->total[c] = scale * pell_profile_total(p);
         make_near(p, c, scale, reach, disc, r);
         for (int i = 0; i <= r->count; i++)
-            r->node[i][c] = (float) (scale * pell_profile_eval(p, sqrt((double) float_of((uint32_t) (r->first + i) << HI_SHIFT))));
+            r->node[i][c] = (float) (scale * pell_profile_eval(p, sqrt((double) pell_bits_float((r->first + i) << HI_SHIFT))));
     }
     return PELL_OK;
 }

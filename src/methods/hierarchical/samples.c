@@ -13,6 +13,7 @@
 
 #include "base/base.h"
 #include "math/vec.h"
+#include "scene/triangle.h"
 
 #include <stdatomic.h>
 #include <string.h>
@@ -35,7 +36,7 @@ struct entry {
 enum { RUN = 4096 };
 struct run {
     uint32_t *near;
-    size_t room;
+    size_t capacity;
     uint32_t end[RUN];
 };
 
@@ -44,12 +45,12 @@ struct eliminator {
     const struct pell_scene *scene;
     struct candidate *candidates;
     struct entry *entries; /* by bucket */
-    uint32_t *bucket;      /* start of each bucket in spots, and the end */
+    uint32_t *bucket;      /* start of each bucket in `entries`, and the end */
     uint32_t mask, count;
     struct run *runs;
     float *weight, *area;
     uint32_t *heap, *at; /* heap of candidates, largest weight first, and the position of each in it */
-    uint32_t left;
+    uint32_t left;       /* candidates that remain: the heap's length */
     float low[3], reach, least;
     atomic_bool failed; /* out of memory for neighbours */
 };
@@ -74,18 +75,17 @@ static void make_candidates(struct eliminator *e, const struct pell_solid *solid
         c->sample.triangle = solid->triangles[t].triangle;
         pell_triangle_point((float) f, (float) g, &c->sample.u, &c->sample.v);
 
-        const struct pell_mesh *mesh = &e->scene->meshes[c->sample.mesh];
-        const uint32_t *index = mesh->index + 3 * (size_t) c->sample.triangle;
-        const struct pell_vec3 p = vec3_load(mesh->position + 3 * (size_t) index[0]);
-        const struct pell_vec3 u = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), p);
-        const struct pell_vec3 v = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), p);
-        vec3_store(vec3_mad(vec3_mad(p, c->sample.u, u), c->sample.v, v), c->position);
-        vec3_store(vec3_normalize(vec3_cross(u, v)), c->normal);
+        struct pell_vec3 corner[3], p;
+        pell_triangle_corners(&e->scene->meshes[c->sample.mesh], c->sample.triangle, corner);
+        p = vec3_mad(corner[0], c->sample.u, vec3_sub(corner[1], corner[0]));
+        vec3_store(vec3_mad(p, c->sample.v, vec3_sub(corner[2], corner[0])), c->position);
+        vec3_store(vec3_normalize(pell_triangle_cross(corner)), c->normal);
     }
 }
 
 /* --- Neighbours ----------------------------------------------------------------------------------------------------------------- */
 
+/* Cells 2^21 apart along an axis share a key; the distance test separates their candidates. */
 static uint64_t cell_key(int64_t x, int64_t y, int64_t z)
 {
     return ((uint64_t) x & 0x1fffff) << 42 | ((uint64_t) y & 0x1fffff) << 21 | ((uint64_t) z & 0x1fffff);
@@ -144,7 +144,7 @@ static bool faces(const float *a, const float *b)
 }
 
 /* Appends a candidate and its neighbours, within `reach` and with a similar normal, to the lists of the run. */
-static enum pell_result look_around(const struct eliminator *e, uint32_t it, struct run *run, size_t *have)
+static enum pell_result append_neighbours(const struct eliminator *e, uint32_t it, struct run *run, size_t *count)
 {
     const struct candidate *from = &e->candidates[it];
     int64_t at[3];
@@ -159,27 +159,27 @@ static enum pell_result look_around(const struct eliminator *e, uint32_t it, str
             if (s->cell != key || distance2(from->position, s->position) >= e->reach * e->reach ||
                 !(s->it == it || faces(from->normal, e->candidates[s->it].normal)))
                 continue;
-            if ((res = pell_grow(e->ctx, (void **) &run->near, *have + 1, &run->room, sizeof(*run->near))) != PELL_OK)
+            if ((res = pell_grow(e->ctx, (void **) &run->near, *count + 1, &run->capacity, sizeof(*run->near))) != PELL_OK)
                 return res;
-            run->near[(*have)++] = s->it;
+            run->near[(*count)++] = s->it;
         }
     }
-    return *have < UINT32_MAX ? PELL_OK : PELL_ERR_NOMEM;
+    return *count < UINT32_MAX ? PELL_OK : PELL_ERR_NOMEM;
 }
 
-static void look_run(void *arg, int index, int worker)
+static void neighbours_run(void *arg, int index, int worker)
 {
     struct eliminator *e = arg;
     struct run *run = &e->runs[index];
-    size_t have = 0;
+    size_t count = 0;
 
     (void) worker;
     for (uint32_t i = 0; i < RUN && (uint32_t) index * RUN + i < e->count; i++) {
-        if (look_around(e, (uint32_t) index * RUN + i, run, &have) != PELL_OK) {
+        if (append_neighbours(e, (uint32_t) index * RUN + i, run, &count) != PELL_OK) {
             atomic_store(&e->failed, true);
             return;
         }
-        run->end[i] = (uint32_t) have;
+        run->end[i] = (uint32_t) count;
     }
 }
 
@@ -192,7 +192,7 @@ static enum pell_result find_neighbours(struct eliminator *e, struct pell_pool *
 {
     if (!(e->runs = pell_calloc(e->ctx, (size_t) runs_of(e), sizeof(*e->runs))))
         return PELL_ERR_NOMEM;
-    pell_pool_run(pool, runs_of(e), look_run, e);
+    pell_pool_run(pool, runs_of(e), neighbours_run, e);
     pell_free(e->ctx, e->entries);
     pell_free(e->ctx, e->bucket);
     e->entries = NULL;
@@ -239,8 +239,8 @@ static void sink(struct eliminator *e, uint32_t i)
     e->at[it] = i;
 }
 
-/* Weight of a neighbour. */
-static float sum_weights(const struct eliminator *e, float d2)
+/* Weight of a neighbour at this squared distance. */
+static float neighbour_weight(const struct eliminator *e, float d2)
 {
     const float d = sqrtf(d2);
     float w = 1.0f - (d > e->least ? d : e->least) / e->reach;
@@ -261,7 +261,7 @@ static void visit(struct eliminator *e, uint32_t it, bool remove)
         float w;
         if (near[i] == it || (remove && e->at[near[i]] >= e->left))
             continue;
-        w = sum_weights(e, distance2(e->candidates[it].position, e->candidates[near[i]].position));
+        w = neighbour_weight(e, distance2(e->candidates[it].position, e->candidates[near[i]].position));
         sum += w;
         if (remove && w > 0.0f) {
             e->weight[near[i]] -= w;
@@ -379,7 +379,6 @@ enum pell_result hierarchical_samples_make(struct pell_context *ctx, struct pell
     samples = pell_alloc_array(ctx, count, sizeof(*samples));
     if (!e.candidates || !e.entries || !e.bucket || !e.weight || !e.heap || !e.at || !samples)
         goto fail;
-    /* at most 2^21 cells per axis */
     e.reach = (float) fmax(2.0 * radius, 1e-30);
     e.low[0] = e.low[1] = e.low[2] = INFINITY;
     make_candidates(&e, solid);

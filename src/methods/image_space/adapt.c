@@ -16,8 +16,6 @@
 
 #include "render/material_id.h"
 
-#include <string.h>
-
 /* Pixels that represent a region: every fourth pixel of every second row. */
 #define FOR_SOME(x0, y0, x, y)                                                                                                             \
     for (int y = (y0); y < (y0) + IS_REGION_Y; y += 2)                                                                                     \
@@ -42,16 +40,16 @@ static float strength_at(const struct pell_frame *in, ptrdiff_t at)
     return low > 0.0f ? low : 0.0f;
 }
 
-/* Of these pixels: number, depths, median radii in mm. */
-struct some {
+/* Sums over these pixels: number, depths, median radii in mm. */
+struct region_sums {
     int count;
-    float depth, middle;
+    float depth, median;
 };
 
-static struct some look_at(const struct is_work *w, int x0, int y0)
+static struct region_sums sum_region(const struct is_work *w, int x0, int y0)
 {
     const struct pell_frame *in = w->in;
-    struct some s = { 0 };
+    struct region_sums s = { 0 };
 
     FOR_SOME(x0, y0, x, y)
     {
@@ -61,7 +59,7 @@ static struct some look_at(const struct is_work *w, int x0, int y0)
             continue;
         s.count++;
         s.depth += in->shape.orthographic ? 1.0f : depth_at(in, at);
-        s.middle += w->sets[m - 1].middle * strength_at(in, at);
+        s.median += w->sets[m - 1].median * strength_at(in, at);
     }
     return s;
 }
@@ -69,14 +67,11 @@ static struct some look_at(const struct is_work *w, int x0, int y0)
 /* log2 of a positive float in units of 1/2^23, linear between powers of two. */
 static int log_of(float x)
 {
-    int bits;
-
-    memcpy(&bits, &x, sizeof(bits));
-    return bits;
+    return pell_float_bits(x);
 }
 
 /* Adds the squared differences to pixels on the same surface px away; returns their number. */
-static int compare(const struct is_work *w, const struct some *s, int x, int y, int px, float near, float *sum)
+static int compare(const struct is_work *w, const struct region_sums *s, int x, int y, int px, float near, float *sum)
 {
     static const int step_dir[4][2] = { { 1, 0 }, { -1, 0 }, { 0, 1 }, { 0, -1 } };
     const struct pell_frame *in = w->in;
@@ -109,8 +104,8 @@ static int compare(const struct is_work *w, const struct some *s, int x, int y, 
 
 static int step_of(const struct is_work *w, int x0, int y0)
 {
-    const struct some s = look_at(w, x0, y0);
-    const float wide = w->focal_px * s.middle, wide2 = wide * wide, deep2 = s.depth * s.depth, near = IS_NEAR * s.middle;
+    const struct region_sums s = sum_region(w, x0, y0);
+    const float wide = w->focal_px * s.median, wide2 = wide * wide, deep2 = s.depth * s.depth, near = IS_NEAR * s.median;
     float sum = 0.0f;
     int px = 1, found = 0, log;
 
@@ -124,7 +119,7 @@ static int step_of(const struct is_work *w, int x0, int y0)
         return 0;
     log = log_of(sum) - log_of((float) found) + 2 * (log_of((float) (4 * s.count)) - log_of((float) found));
     log += log_of(wide2) - log_of(wide2 + 2.0f * deep2); /* reduced where the profile is narrower than a pixel */
-    log = (log >> IS_STEP_SHIFT) + IS_STEPS_UP;
+    log = (log >> IS_STEP_SHIFT) + IS_STEP_OF_ONE;
     return log < 0 ? 0 : log < IS_STEPS ? log : IS_STEPS - 1;
 }
 

@@ -68,7 +68,7 @@ int compare(ivec2 p, int px, float count, float near, inout float sum)
 
 int step_of(ivec2 first)
 {
-    precise float depth = 0.0, middle = 0.0;
+    precise float depth = 0.0, median = 0.0;
     float sum = 0.0;
     int count = 0, found = 0, px = 1;
 
@@ -80,12 +80,12 @@ int step_of(ivec2 first)
                 continue;
             count++;
             depth += pc.orthographic != 0 ? 1.0 : depth_at(p);
-            middle += uintBitsToFloat(sets[4 * (m - 1u) + 3u].y) * strength_at(p);
+            median += uintBitsToFloat(sets[4 * (m - 1u) + 3u].y) * strength_at(p);
         }
     if (count == 0)
         return 0;
-    precise const float wide = pc.focal_px * middle, wide2 = wide * wide, deep2 = depth * depth, both = wide2 + 2.0 * deep2;
-    precise const float near = IS_NEAR * middle, farther = float(IS_SECOND_DISTANCE) * near;
+    precise const float wide = pc.focal_px * median, wide2 = wide * wide, deep2 = depth * depth, both = wide2 + 2.0 * deep2;
+    precise const float near = IS_NEAR * median, farther = float(IS_SECOND_DISTANCE) * near;
     for (; px < IS_MAX_DISTANCE; px++) {
         precise const float reached = float(px) * depth;
         if (!(reached < wide))
@@ -101,7 +101,7 @@ int step_of(ivec2 first)
         return 0;
     int log = log_of(sum) - log_of(float(found)) + 2 * (log_of(float(4 * count)) - log_of(float(found)));
     log += log_of(wide2) - log_of(both); // reduced where the profile is narrower than a pixel
-    return clamp((log >> IS_STEP_SHIFT) + IS_STEPS_UP, 0, IS_STEPS - 1);
+    return clamp((log >> IS_STEP_SHIFT) + IS_STEP_OF_ONE, 0, IS_STEPS - 1);
 }
 
 void main()

@@ -31,7 +31,7 @@
 #define IS_WEIGHT_MAX 1e12f              /* upper bound of a sample's weight; larger ones are rounding errors */
 #define IS_STRENGTH_MIN (1.0f / 1024.0f) /* below this strength light leaves where it enters */
 #define IS_SLOPE_MAX 20.0f               /* upper bound of 1/cos of a surface seen from the view */
-#define IS_THIN (1.0f / 16.0f)           /* taps of the reconstruction may be up to 4 pixel footprints off both planes together */
+#define IS_OFF_PLANE (1.0f / 16.0f)      /* 1/px^2: taps of the reconstruction may be up to 4 pixel footprints off both planes together */
 /* Channels for which a quarter of the light stays within `from` .. `to` pixels take part in the reconstruction not at all .. fully. */
 #define IS_RECONSTRUCT_FROM 0.4f
 #define IS_RECONSTRUCT_TO 1.5f
@@ -47,7 +47,7 @@
 #define IS_STEP_SHIFT 20
 #define IS_CLASS_STEPS 16
 #define IS_STEPS 2048
-#define IS_STEPS_UP 1024         /* step of a variance of 1 */
+#define IS_STEP_OF_ONE 1024      /* step of a variance of 1 */
 #define IS_MAX_DISTANCE 64       /* px: upper bound of the first distance */
 #define IS_SECOND_DISTANCE 4     /* second distance relative to the first */
 #define IS_NEAR 3.0f             /* largest depth difference, relative to that distance on the surface */

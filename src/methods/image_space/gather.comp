@@ -52,7 +52,7 @@ vec3 weights_at(ShadingPoint p, int row, float fraction)
 }
 
 // Adds a sample that hit the surface; `inv_density`: 1/density, or the reciprocal of the sum of densities over views. Returns its validity.
-bool add(ShadingPoint p, Found f, float inv_density, inout Sums s)
+bool add(ShadingPoint p, SurfaceHit f, float inv_density, inout Sums s)
 {
     const float square = dot(f.to, f.to) * p.per_length2;
     float fraction;
@@ -76,17 +76,17 @@ void take_samples(ShadingPoint p, int from, int to, inout Sums s)
     for (int k = from; k < to; k++) {
         const vec4 offset = offsets[p.offset + k * pc.tile];
         const vec2 at = offset.xy * p.strength;
-        bool valid_samples = false;
+        bool valid = false;
 
         if (!(offset.z > 0.0))
             continue;
         if (VIEWS == 0) {
-            const Found f = find_in_camera(p, at);
+            const SurfaceHit f = find_in_camera(p, at);
             if (f.valid)
-                valid_samples = add(p, f, offset.z * jacobian_factor(f.jacobian), s);
+                valid = add(p, f, offset.z * jacobian_factor(f.jacobian), s);
         } else {
             for (int v = 0; v <= pc.views; v++) {
-                Found f;
+                SurfaceHit f;
                 if (v == 0)
                     f = find_in_camera(p, at);
                 else
@@ -97,10 +97,10 @@ void take_samples(ShadingPoint p, int from, int to, inout Sums s)
                 for (int u = 0; u <= pc.views; u++)
                     if (u != v)
                         sum += density_from(u, p, f.to);
-                valid_samples = add(p, f, 1.0 / sum, s) || valid_samples;
+                valid = add(p, f, 1.0 / sum, s) || valid;
             }
         }
-        s.count += valid_samples ? 1.0 : 0.0;
+        s.count += valid ? 1.0 : 0.0;
     }
 }
 

@@ -38,7 +38,8 @@ struct is_knobs {
     int misprint; /* enum is_misprint */
 };
 
-/* Whether lights, or views from around, see all surface where light enters, so that no light is missing. */
+/* The knob `through`, with auto resolved: views of lights, or from around, contain the surface where light enters, so that no light is
+ * missing. */
 static inline int is_through_of(const struct is_knobs *k)
 {
     return k->through != IS_THROUGH_AUTO ? k->through : k->views != IS_VIEWS_CAMERA ? IS_THROUGH_OFF : IS_THROUGH_SLAB;
@@ -76,7 +77,7 @@ void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *k
 
 struct is_adapt {
     int width, height; /* number of regions of the frame */
-    uint8_t *count;    /* owned, as is `step`; translucent pixels per region */
+    uint8_t *count;    /* translucent pixels per region; owned, as are the other two */
     uint16_t *step;    /* log step of the variance of the surrounding light */
     uint8_t *classes;
 };

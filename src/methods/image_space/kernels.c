@@ -27,7 +27,7 @@ INLINE vf lerp_levels(const struct is_set *set, const struct shading_point *p, i
 
 /* Adds a sample that hit the surface; `inv_density`: 1/density, or the reciprocal of the sum of densities over views. */
 INLINE void add(const struct is_set *set, const struct shading_point *p, const struct surface_hit *f, vf inv_density, bool varies,
-                struct sums *s, vi *valid_samples)
+                struct sums *s, vi *valid)
 {
     const vf square = (f->to[0] * f->to[0] + f->to[1] * f->to[1] + f->to[2] * f->to[2]) * p->per_length2;
     vi good = f->valid & in_table(square);
@@ -48,7 +48,7 @@ INLINE void add(const struct is_set *set, const struct shading_point *p, const s
         s->weight[c] += (vf) ((vi) weight[c] & good);
         s->light[c] += (vf) ((vi) (weight[c] * f->light[c]) & good);
     }
-    *valid_samples |= good;
+    *valid |= good;
 }
 
 INLINE vf jacobian_factor(const struct is_work *w, vf jacobian)
@@ -92,13 +92,13 @@ INLINE void sample_camera(const struct is_work *w, const struct shading_point *p
                 __builtin_prefetch(w->texels + projections[k].at[l]);
         for (int k = 0; k < count; k++) {
             struct surface_hit f;
-            vi valid_samples = { 0 };
+            vi valid = { 0 };
             load_sample(p, offset, from + k, varies, &x, &y, &inv_density);
             in_plane(p, x, y, o);
             find_in_camera(w, p, o, parallel, &projections[k], &f);
             f.valid &= p->active & (inv_density > 0.0f);
-            add(set, p, &f, inv_density * jacobian_factor(w, f.jacobian), varies, s, &valid_samples);
-            s->count += select(valid_samples, all(1.0f), all(0.0f));
+            add(set, p, &f, inv_density * jacobian_factor(w, f.jacobian), varies, s, &valid);
+            s->count += select(valid, all(1.0f), all(0.0f));
         }
     }
 }
@@ -108,7 +108,7 @@ INLINE void sample_all(const struct is_work *w, const struct shading_point *p, c
                        bool varies, const struct views *views, struct sums *s)
 {
     for (int k = s->from; k < s->to; k++) {
-        vi valid_samples = { 0 };
+        vi valid = { 0 };
         vf x, y, inv_density;
         load_sample(p, offset, k, varies, &x, &y, &inv_density);
         for (int v = 0; v <= w->num_views; v++) {
@@ -130,9 +130,9 @@ INLINE void sample_all(const struct is_work *w, const struct shading_point *p, c
             for (int u = 0; u <= w->num_views; u++)
                 if (u != v)
                     sum += density_from(w, &views->image[u], &views->plane[u], p, set, varies, f.to);
-            add(set, p, &f, 1.0f / sum, varies, s, &valid_samples);
+            add(set, p, &f, 1.0f / sum, varies, s, &valid);
         }
-        s->count += select(valid_samples, all(1.0f), all(0.0f));
+        s->count += select(valid, all(1.0f), all(0.0f));
     }
 }
 
@@ -154,11 +154,11 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, str
     for (int c = 0; c < 3; c++) {
         const vf base = gather(in->base[c] + p->y * in->shape.stride, at);
         const vf albedo = greater(lesser(base, all(IS_ALBEDO_MAX)), all(IS_ALBEDO_MIN)); /* NaN becomes the largest */
-        const vf shading_point = IS_LEVEL_COORD(root(1.0f - albedo), least, most);
-        vi low = __builtin_convertvector(greater(lesser(shading_point, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
-        p->level_fraction[c] = shading_point - __builtin_convertvector(low, vf);
+        const vf coord = IS_LEVEL_COORD(root(1.0f - albedo), least, most);
+        vi low = __builtin_convertvector(greater(lesser(coord, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
+        p->level_fraction[c] = coord - __builtin_convertvector(low, vf);
         p->rows[c] = (low + 1) * (IS_ROWS * 8);
-        mean += shading_point * (1.0f / 3.0f);
+        mean += coord * (1.0f / 3.0f);
     }
     level = nearest(greater(lesser(mean, all(IS_LEVELS - 1.0f)), all(0.0f)));
     p->density = (level + 1) * (IS_ROWS * 8);

@@ -30,7 +30,7 @@ enum is_level { IS_UNIFORM_AT, IS_BROAD2_AT, IS_REACH2_AT, IS_QUARTER_AT }; /* a
 struct is_set {
     float *offset;            /* owned or borrowed; for each profile and each class in turn: [(y mod n) * samples + k][3][16 lanes]: x, y in
                                * the tangent plane, mm, and 1/density */
-    float *made;              /* owned or borrowed: the original offsets; NULL: offset holds them */
+    float *original;          /* owned or borrowed: the original offsets; NULL: offset holds them */
     float (*rows)[8];         /* owned or borrowed */
     float (*level)[IS_LEVEL]; /* owned or borrowed; by level; NULL: no levels */
     bool owned;
@@ -38,7 +38,7 @@ struct is_set {
     float reach2;      /* R'^2 in the unit of the tables */
     float uniform;     /* p_u at r = 0, in that unit */
     float broad2;      /* p_u is proportional to 1/(1 + r^2/broad2)^2; 0: it is uniform up to R' */
-    float middle;      /* mm: mean of the channels' median radii */
+    float median;      /* mm: median radius of the mean of the channels' profiles */
     float scale[3];    /* M under a uniform irradiance of 1 */
     float quarter[3];  /* mm: radius with a quarter of the channel's light inside */
 };

@@ -25,7 +25,7 @@ struct ShadingPoint {
 };
 
 // A sample's hit on the surface.
-struct Found {
+struct SurfaceHit {
     bool valid;
     vec3 to;        // p - x_o
     float jacobian; // dA_p/dA_p'
@@ -79,11 +79,11 @@ void choose_levels(int first, int pixel, ivec2 tile, inout ShadingPoint p)
     for (int c = 0; c < 3; c++) {
         const float low_albedo = base[pixel][c] < IS_ALBEDO_MAX ? base[pixel][c] : IS_ALBEDO_MAX;
         const float albedo = low_albedo > IS_ALBEDO_MIN ? low_albedo : IS_ALBEDO_MIN;
-        const float shading_point = IS_LEVEL_COORD(sqrt(1.0 - albedo), least, most);
-        const int low = int(clamp(shading_point, 0.0, float(IS_LEVELS) - 1.5));
-        p.level_fraction[c] = shading_point - float(low);
+        const float coord = IS_LEVEL_COORD(sqrt(1.0 - albedo), least, most);
+        const int low = int(clamp(coord, 0.0, float(IS_LEVELS) - 1.5));
+        p.level_fraction[c] = coord - float(low);
         p.channel_rows[c] = first_rows + (low + 1) * 2 * IS_ROWS;
-        mean += shading_point * (1.0 / 3.0);
+        mean += coord * (1.0 / 3.0);
     }
     const int level = nearest(clamp(mean, 0.0, float(IS_LEVELS) - 1.0));
     const vec4 a = uintBitsToFloat(sets[first + 2 * level]), b = uintBitsToFloat(sets[first + 2 * level + 1]);
@@ -159,34 +159,34 @@ ShadingPoint start(ivec2 pixel, vec4 own, float h)
 
 // The visible point on the camera ray through point (x, y), mm, of the tangent plane; everything is relative to the pixel, because radii
 // may be far below the precision of a depth.
-Found find_in_camera(ShadingPoint p, vec2 sampled)
+SurfaceHit find_in_camera(ShadingPoint p, vec2 sampled)
 {
     const bool parallel = pc.orthographic != 0;
     const vec3 o = sampled.x * p.s + sampled.y * p.q;
     const float f = pc.focal_px, depth = p.z + o.z, scale = parallel ? f : f / depth;
     const float du = within(scale * (parallel ? o.x : o.x - p.t.x * o.z)), dv = within(scale * (parallel ? o.y : o.y - p.t.y * o.z));
     const ivec2 step = ivec2(nearest(du), nearest(dv)), q = p.pixel + step;
-    Found surface_hit;
+    SurfaceHit hit;
 
-    surface_hit.valid = false;
+    hit.valid = false;
     if (!is_inside(q) || !(parallel || depth > 0.0))
-        return surface_hit;
+        return hit;
     const int i = pixel_at(q);
     const vec4 own = texels[2 * i], its = texels[2 * i + 1];
     if (own.w != p.key)
-        return surface_hit;
-    surface_hit.light = its.rgb;
-    surface_hit.valid = true;
-    surface_hit.to = o;
-    surface_hit.jacobian = 1.0;
+        return hit;
+    hit.light = its.rgb;
+    hit.valid = true;
+    hit.to = o;
+    hit.jacobian = 1.0;
     if (step == ivec2(0))
-        return surface_hit;
+        return hit;
     const float plane = IS_PLANE_AT(own.x, own.y, own.z, du - float(step.x), dv - float(step.y));
     const float z = parallel ? plane : 1.0 / plane, length_px = parallel ? 1.0 / f : z * (1.0 / f), ratio = length_px * scale;
-    surface_hit.valid = parallel || plane > 0.0;
-    surface_hit.jacobian = parallel ? its.w * p.per_h : IS_AREA_RATIO(its.w * p.per_h, ratio);
-    surface_hit.to = vec3((z - p.z) * p.t + vec2(du, dv) * length_px, z - p.z);
-    return surface_hit;
+    hit.valid = parallel || plane > 0.0;
+    hit.jacobian = parallel ? its.w * p.per_h : IS_AREA_RATIO(its.w * p.per_h, ratio);
+    hit.to = vec3((z - p.z) * p.t + vec2(du, dv) * length_px, z - p.z);
+    return hit;
 }
 
 // --- Several views: index 0 is the camera's -----------------------------------------------------------------------------------------
@@ -262,23 +262,23 @@ SamplesPlane plane_of(int v, View m, ShadingPoint p)
 }
 
 // As find_in_camera, in the view of a light.
-Found find_in_light(int v, ShadingPoint p, vec2 sampled)
+SurfaceHit find_in_light(int v, ShadingPoint p, vec2 sampled)
 {
     const View m = view_of(v);
     const SamplesPlane plane = plane_of(v, m, p);
     vec3 point = plane.at + sampled.x * plane.s + sampled.y * plane.q;
     vec2 off;
     vec4 own, its;
-    Found surface_hit;
+    SurfaceHit hit;
 
     load_texel(v, m, point, off, own, its);
     const float w = IS_PLANE_AT(own.x, own.y, own.z, off.x, off.y), z = m.parallel ? w : 1.0 / w, ratio = z / point.z;
-    surface_hit.valid = own.w == p.key && (m.parallel || w > 0.0);
-    surface_hit.light = its.rgb;
-    surface_hit.jacobian = jacobian_of(m, its.w, ratio, plane.dist);
+    hit.valid = own.w == p.key && (m.parallel || w > 0.0);
+    hit.light = its.rgb;
+    hit.jacobian = jacobian_of(m, its.w, ratio, plane.dist);
     point = vec3(m.parallel ? point.xy : point.xy * ratio, z) - plane.at;
-    surface_hit.to = views[4 * (v - 1)].xyz * point.x + views[4 * (v - 1) + 1].xyz * point.y + views[4 * (v - 1) + 2].xyz * point.z;
-    return surface_hit;
+    hit.to = views[4 * (v - 1)].xyz * point.x + views[4 * (v - 1) + 1].xyz * point.y + views[4 * (v - 1) + 2].xyz * point.z;
+    return hit;
 }
 
 // Density of a view's samples at point p of the surface (x_o + to), in units of 1/length^2; 0 if it is not visible.

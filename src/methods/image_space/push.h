@@ -20,7 +20,7 @@ struct is_push {
     int32_t samples;             /* per view */
     int32_t row_samples;         /* of all classes */
     int32_t adaptive;            /* with adaptive sampling: adapt.c */
-    int32_t halves;              /* half of a class's samples are importance samples, else the same number as of `samples` */
+    int32_t halves;              /* half of a class's samples are importance samples, else all or none, as of `samples` */
     int32_t importance;          /* importance samples among `samples`, which come first */
     int32_t first_kind;          /* samples of the first distribution; all if there is only one */
     int32_t tile;                /* px: 1, 2, 4, 8 */

@@ -31,7 +31,7 @@ void PELL_SIMD(is_rebuild)(const struct is_work *w, int y)
                     const vf to = here + gu * fx + gv * fy - w_other;
                     const vf back = w_other - load(w->gu + other) * fx - load(w->gv + other) * fy - here;
                     const vf off = magnitude(to) * flat + magnitude(back) * load(w->flat + other);
-                    vf weight = greater(1.0f - off * off * IS_THIN, all(0.0f)) * (box * over);
+                    vf weight = greater(1.0f - off * off * IS_OFF_PLANE, all(0.0f)) * (box * over);
                     if (dx == 0 && dy == 0)
                         continue;
                     weight = (vf) ((vi) weight & (load(w->key + other) == key));

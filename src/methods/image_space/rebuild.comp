@@ -44,7 +44,7 @@ void main()
             const float back = other.x - other.y * d.x - other.z * d.y - own.x;
             const float off = abs(to) * center.w + abs(back) * its.w;
             const float box = (abs(dx) == reach ? 0.5 : 1.0) * (abs(dy) == reach ? 0.5 : 1.0);
-            const float weight = max(1.0 - off * off * IS_THIN, 0.0) * (box * over);
+            const float weight = max(1.0 - off * off * IS_OFF_PLANE, 0.0) * (box * over);
             moved += weight * its.rgb * (light[k].rgb - here);
         }
     result[i] = vec4(here + center.rgb * moved, 0.0);

@@ -94,14 +94,14 @@ double is_reach(const struct pell_frame_material *m)
 
 /* The broad part of `combined`: density 1/(1 + r^2/R0^2)^2 over pi R0^2. It is nearly uniform well inside R' and extends beyond it, where a
  * uniform disc would leave the few samples of the profile's own tail with weights of 3/N_r. */
-#define BROAD_PART (1.0 / 3.0) /* R0/R' */
+#define BROAD_RATIO (1.0 / 3.0) /* R0/R' */
 
 /* The radius that contains the fraction xi of a mixture: the mean of the channels' distributions (`profiles` parts) and the broad density
  * (the other parts), if there is one: reach > 0. */
 static double mixture_radius(const struct pell_frame_material *m, double profiles, double reach, double xi)
 {
     const bool two = profiles < 1.0 && reach > 0.0;
-    const double broad2 = reach * reach * BROAD_PART * BROAD_PART, broad = two ? sqrt(broad2 * xi / (1.0 - xi)) : 0.0;
+    const double broad2 = reach * reach * BROAD_RATIO * BROAD_RATIO, broad = two ? sqrt(broad2 * xi / (1.0 - xi)) : 0.0;
     double low = INFINITY, high = 0.0;
     bool lit[3];
     const int count = lit_channels(m, lit);
@@ -195,15 +195,16 @@ static void pattern_offset(int rank, int n, int *x, int *y)
                 return;
 }
 
-/* Frames are numbered. From one to the next the tile shifts, so that after n^2 of them each pixel has had every pattern: the mean equals
- * that of n^2 times as many stratified samples. After that all patterns are rotated by an angle that is badly approximable by fractions. */
+/* Images are numbered by seed and multisample. From one to the next the tile shifts, so that after n^2 of them each pixel has had every
+ * pattern: the mean equals that of n^2 times as many stratified samples. After that all patterns are rotated by an angle that is badly
+ * approximable by fractions. */
 void is_set_turn(const struct is_knobs *knobs, uint64_t image_index, const struct is_set *set)
 {
     const int n = is_tile_side(knobs);
     const uint64_t patterns = (uint64_t) (n * n), round = image_index / patterns % (1 << 24);
     const double turn = 2.0 * PELL_PI * fmod((double) round * PELL_GOLDEN_TURN, 1.0);
     const float c = (float) cos(turn), s = (float) sin(turn);
-    const float *from = set->made;
+    const float *from = set->original;
     float *to = set->offset;
     int dx = 0, dy = 0;
 
@@ -243,10 +244,8 @@ static void row_at(const struct pell_frame_material *m, double length, double sq
 static double square_of(int row)
 {
     const uint32_t bits = ((uint32_t) (127 - IS_OCTAVES) << 23) + ((uint32_t) row << IS_SHIFT);
-    float square;
 
-    memcpy(&square, &bits, sizeof(square));
-    return (double) square;
+    return (double) pell_bits_float((int32_t) bits);
 }
 
 static void make_rows(const struct pell_frame_material *m, double length, float (*rows)[8])
@@ -277,8 +276,8 @@ static double density_at(const float (*rows)[8], double square)
     return (double) rows[row][3] + (coord - row) * (double) rows[row][7];
 }
 
-/* p_u. */
-static double other_density(const struct is_set *set, double square)
+/* p_u: uniform, or broad. */
+static double uniform_density(const struct is_set *set, double square)
 {
     const double fall = 1.0 + (set->broad2 > 0.0f ? square / (double) set->broad2 : 0.0);
 
@@ -295,7 +294,7 @@ static void set_reach(const struct pell_frame_material *m, const struct is_knobs
     lit_channels(m, lit);
     set->per_length2 = (float) (1.0 / (length * length));
     set->reach2 = (float) (reach * reach / (length * length));
-    set->broad2 = knobs->sampling == IS_COMBINED ? (float) (BROAD_PART * BROAD_PART) * set->reach2 : 0.0f;
+    set->broad2 = knobs->sampling == IS_COMBINED ? (float) (BROAD_RATIO * BROAD_RATIO) * set->reach2 : 0.0f;
     set->uniform = 0.0f;
     if (reach > 0.0)
         set->uniform = 1.0f / (PELL_PI_F * (set->broad2 > 0.0f ? set->broad2 : set->reach2));
@@ -318,7 +317,7 @@ static void fill_class(const struct pell_frame_material *m, const struct is_knob
                 r = fmin(r, 1e15);
                 square = r * r / (length * length);
                 density = importance * density_at((const float(*)[8]) rows, square);
-                density += uniform * other_density(set, square);
+                density += uniform * uniform_density(set, square);
                 for (int l = 0; l < IS_BLOCK; l += n) {
                     to[l] = (float) (r * cos(2.0 * PELL_PI * turns));
                     to[l + IS_BLOCK] = (float) (r * sin(2.0 * PELL_PI * turns));
@@ -333,11 +332,11 @@ static void fill(const struct pell_frame_material *m, const struct is_knobs *kno
 {
     make_rows(m, length, rows);
     for (int class = 0; class < IS_CLASSES; class ++) {
-        struct is_knobs of = *knobs;
-        of.samples = is_class_samples(knobs, class);
-        if (of.samples > 0)
-            fill_class(m, &of, set, length, reach, offset, rows);
-        offset += (size_t) is_tile_side(knobs) * (size_t) of.samples * 3 * IS_BLOCK;
+        struct is_knobs class_knobs = *knobs;
+        class_knobs.samples = is_class_samples(knobs, class);
+        if (class_knobs.samples > 0)
+            fill_class(m, &class_knobs, set, length, reach, offset, rows);
+        offset += (size_t) is_tile_side(knobs) * (size_t) class_knobs.samples * 3 * IS_BLOCK;
     }
 }
 
@@ -404,20 +403,20 @@ static enum pell_result make_levels(struct pell_context *ctx, const struct pell_
                                     const struct levels *levels, struct pell_profile *scratch, struct is_set *set)
 {
     for (int i = 0; i < IS_LEVELS; i++) {
-        struct pell_frame_material at = *m;
-        struct is_set of = *set;
+        struct pell_frame_material material = *m;
+        struct is_set level_set = *set;
         float *row = set->level[i];
         double reach;
-        const enum pell_result res = level_profile(ctx, levels->model, is_level_albedo(i), &at, scratch);
+        const enum pell_result res = level_profile(ctx, levels->model, is_level_albedo(i), &material, scratch);
         if (res != PELL_OK)
             return res;
-        reach = fmin(is_reach(&at), levels->most);
-        set_reach(&at, knobs, levels->length, reach, &of);
-        row[IS_UNIFORM_AT] = of.uniform;
-        row[IS_BROAD2_AT] = of.broad2;
-        row[IS_REACH2_AT] = of.reach2;
-        memcpy(row + IS_QUARTER_AT, of.quarter, sizeof(of.quarter));
-        fill(&at, knobs, &of, levels->length, reach, set->offset + (size_t) (i + 1) * levels->offsets,
+        reach = fmin(is_reach(&material), levels->most);
+        set_reach(&material, knobs, levels->length, reach, &level_set);
+        row[IS_UNIFORM_AT] = level_set.uniform;
+        row[IS_BROAD2_AT] = level_set.broad2;
+        row[IS_REACH2_AT] = level_set.reach2;
+        memcpy(row + IS_QUARTER_AT, level_set.quarter, sizeof(level_set.quarter));
+        fill(&material, knobs, &level_set, levels->length, reach, set->offset + (size_t) (i + 1) * levels->offsets,
              set->rows + (size_t) (i + 1) * IS_ROWS);
     }
     return PELL_OK;
@@ -449,14 +448,14 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
                       "has no profiles that depend on the albedo: the scattering distance is the same for all colours");
     }
     set_reach(m, knobs, length, reach, set);
-    set->middle = (float) fmin(median, 1e15);
+    set->median = (float) fmin(median, 1e15);
     for (int c = 0; c < 3; c++)
         set->scale[c] = lit[c] ? (m->white ? 1.0f : (float) pell_profile_total(&m->profile[c])) : 0.0f;
     set->offset = pell_calloc(ctx, profiles * offsets, sizeof(float));
     set->rows = pell_calloc(ctx, profiles * IS_ROWS, sizeof(*set->rows));
     if (knobs->progressive)
-        set->made = pell_calloc(ctx, profiles * offsets, sizeof(float));
-    if (!set->offset || !set->rows || (knobs->progressive && !set->made))
+        set->original = pell_calloc(ctx, profiles * offsets, sizeof(float));
+    if (!set->offset || !set->rows || (knobs->progressive && !set->original))
         goto fail;
     fill(m, knobs, set, length, reach, set->offset, set->rows);
     res = PELL_OK;
@@ -465,8 +464,8 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
         set->level = pell_calloc(ctx, IS_LEVELS, sizeof(*set->level));
         res = set->level ? make_levels(ctx, m, knobs, &levels, scratch, set) : PELL_ERR_NOMEM;
     }
-    if (set->made)
-        memcpy(set->made, set->offset, profiles * offsets * sizeof(float));
+    if (set->original)
+        memcpy(set->original, set->offset, profiles * offsets * sizeof(float));
 
 fail:
     pell_free(ctx, scratch);

@@ -106,7 +106,7 @@ void is_setup_finish(struct is_setup *st)
     for (size_t i = 0; st->sets && i < st->num_sets; i++)
         if (st->sets[i].owned) {
             pell_free(st->ctx, st->sets[i].offset);
-            pell_free(st->ctx, st->sets[i].made);
+            pell_free(st->ctx, st->sets[i].original);
             pell_free(st->ctx, st->sets[i].rows);
             pell_free(st->ctx, st->sets[i].level);
         }
@@ -122,10 +122,11 @@ static void set_counts(struct is_work *w, const struct is_knobs *k)
     const int importance = is_importance_samples(k);
 
     for (int class = 0; class < IS_CLASSES; class ++) {
-        struct is_knobs of = *k;
-        of.samples = is_class_samples(k, class);
-        w->counts[class] = (struct is_count) { of.samples, is_importance_samples(&of), (float) is_uniform_samples(&of), w->samples_row };
-        w->samples_row += of.samples;
+        struct is_knobs class_knobs = *k;
+        class_knobs.samples = is_class_samples(k, class);
+        w->counts[class] = (struct is_count) { class_knobs.samples, is_importance_samples(&class_knobs),
+                                               (float) is_uniform_samples(&class_knobs), w->samples_row };
+        w->samples_row += class_knobs.samples;
     }
     w->first_kind = k->sampling == IS_SEPARATE && importance > 0 ? importance : k->samples;
 }

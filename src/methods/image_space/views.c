@@ -83,7 +83,7 @@ static bool aim(const struct pell_scene *scene, const struct pell_light *light, 
     const struct pell_vec3 low = vec3_load(scene->bounds_min), high = vec3_load(scene->bounds_max);
     const struct pell_vec3 middle = vec3_mul(vec3_add(low, high), 0.5f);
     const float radius = 0.5f * vec3_length(vec3_sub(high, low)) * 1.0001f;
-    struct pell_vec3 step_dir = vec3_sub(middle, vec3_load(light->position));
+    struct pell_vec3 to_middle = vec3_sub(middle, vec3_load(light->position));
     float distance;
 
     *v = (struct pell_view) { .width = size, .height = size };
@@ -95,9 +95,9 @@ static bool aim(const struct pell_scene *scene, const struct pell_light *light, 
         v->origin = vec3_mad(middle, -2.0f * radius, v->forward);
         v->focal_px = (float) size / (2.0f * radius);
     } else {
-        distance = vec3_length(step_dir);
+        distance = vec3_length(to_middle);
         v->origin = vec3_load(light->position);
-        v->forward = distance > 1e-6f * radius ? vec3_mul(step_dir, 1.0f / distance) : vec3(0.0f, 0.0f, -1.0f);
+        v->forward = distance > 1e-6f * radius ? vec3_mul(to_middle, 1.0f / distance) : vec3(0.0f, 0.0f, -1.0f);
         v->focal_px = 0.5f * (float) size / tanf(distance > radius ? fminf(asinf(radius / distance), MAX_HALF_VIEW) : MAX_HALF_VIEW);
     }
     vec3_basis(v->forward, &v->right, &v->up);

@@ -41,8 +41,8 @@ enum buffer {
 
 static const struct {
     const char *name;
-    enum pell_gpu_memory offsets_of_set;
-    int of_pixel; /* bytes per pixel; 0: its size depends on other things */
+    enum pell_gpu_memory memory;
+    int pixel_bytes; /* 0: its size does not depend on the pixels */
 } buffer_rows[BUFFERS] = {
     [SETS_UP] = { "image-space sets, upload", PELL_GPU_TO_DEVICE, 0 },
     [SETS] = { "image-space sets", PELL_GPU_ON_DEVICE, 0 },
@@ -91,7 +91,7 @@ struct is_gpu {
     struct pell_gpu_commands *commands;
     struct is_push push;
     int image_height;      /* px */
-    int32_t *row_solids;   /* rows of solids for all rows of the grid */
+    int32_t *row_solids;   /* solids + 1 of the image's pixels */
     bool sent;             /* frame-independent data is on the device */
     uint64_t sent_image;   /* index of the image whose patterns are on the device, */
     uint64_t packed_image; /* and of the image whose patterns are packed */
@@ -141,38 +141,37 @@ static bool has_levels(const struct is_gpu *st)
 
 static enum pell_result make_buffers(struct is_gpu *st, const struct pell_frame_shape *shape)
 {
-    const struct is_setup *set = &st->setup;
+    const struct is_setup *setup = &st->setup;
     const uint64_t pixels = (uint64_t) ((shape->width + IS_BLOCK - 1) / IS_BLOCK * IS_BLOCK) * (uint64_t) shape->height;
-    const uint64_t views = (uint64_t) set->work.num_views, texels = (uint64_t) set->knobs.view_size * (uint64_t) set->knobs.view_size;
+    const uint64_t views = (uint64_t) setup->work.num_views, texels = (uint64_t) setup->knobs.view_size * (uint64_t) setup->knobs.view_size;
     uint64_t profiles = 0, levels = 0;
     enum pell_result res = PELL_OK;
 
-    for (size_t i = 0; i < set->num_sets; i++)
-        if (set->sets[i].owned) {
-            profiles += profiles_of(&set->sets[i]);
-            levels += set->sets[i].level != NULL;
+    for (size_t i = 0; i < setup->num_sets; i++)
+        if (setup->sets[i].owned) {
+            profiles += profiles_of(&setup->sets[i]);
+            levels += setup->sets[i].level != NULL;
         }
-    st->sizes[SETS] = 4 * (SET_WORDS * (uint64_t) set->num_sets + LEVEL_WORDS * IS_LEVELS * levels);
+    st->sizes[SETS] = 4 * (SET_WORDS * (uint64_t) setup->num_sets + LEVEL_WORDS * IS_LEVELS * levels);
     st->sizes[OFFSETS] = 16 * profiles * samples_of(st);
     st->sizes[ROWS] = 32 * profiles * IS_ROWS;
     st->sizes[VIEWS] = 4 * VIEW_FLOATS * views;
     st->sizes[LIGHTS] = 4 * IS_TEXEL * texels * views;
     for (int i = BASE; i < BUFFERS; i++)
-        st->sizes[i] = pixels * (uint64_t) buffer_rows[i].of_pixel;
-    if (is_adapts(&set->knobs)) /* one more row, because the grid's first row may be anywhere in a region */
+        st->sizes[i] = pixels * (uint64_t) buffer_rows[i].pixel_bytes;
+    if (is_adapts(&setup->knobs)) /* two more rows: for a remainder, and because the grid's first row may be anywhere in a region */
         st->sizes[REGIONS] = 4 + 4 * (pixels / (uint64_t) shape->height / IS_REGION_X) * ((uint64_t) shape->height / IS_REGION_Y + 2);
     if (!has_levels(st))
         st->sizes[BASE] = 0;
-    if (!set->solids)
+    if (!setup->solids)
         st->sizes[SOLIDS] = 0;
-    if (!set->work.reconstruct)
+    if (!setup->work.reconstruct)
         st->sizes[RESULT] = 0;
     for (int i = 0; i < TEXELS; i += 2)
         st->sizes[i] = st->sizes[i + 1];
     for (int i = 0; res == PELL_OK && i < BUFFERS; i++)
         if (st->sizes[i] > 0)
-            res = pell_gpu_buffer_create(set->services->gpu, buffer_rows[i].offsets_of_set, st->sizes[i], buffer_rows[i].name,
-                                         &st->buffers[i]);
+            res = pell_gpu_buffer_create(setup->services->gpu, buffer_rows[i].memory, st->sizes[i], buffer_rows[i].name, &st->buffers[i]);
     return res;
 }
 
@@ -223,7 +222,7 @@ static void fill_offsets(const struct is_gpu *st, const struct is_set *set, uint
         }
 }
 
-/* Tables of all sets, in the order of fill_tables. */
+/* Offsets of all sets, in the order of fill_tables. */
 static void fill_all_offsets(const struct is_gpu *st)
 {
     const struct is_setup *s = &st->setup;
@@ -267,7 +266,7 @@ static void fill_set(const struct is_set *set, const struct set_offsets *at, uin
     memcpy(to + 8, set->quarter, sizeof(set->quarter));
     to[11] = at->rows;
     to[12] = set->level ? at->levels : UINT32_MAX;
-    memcpy(to + 13, &set->middle, sizeof(set->middle));
+    memcpy(to + 13, &set->median, sizeof(set->median));
 }
 
 static enum pell_result fill_tables(const struct is_gpu *st)
@@ -430,7 +429,7 @@ static void send(struct is_gpu *st, struct pell_gpu_commands *c, int first, int 
     for (int i = first; i < last; i += 2)
         if (st->sizes[i] > 0)
             pell_gpu_copy(c, st->buffers[i], st->buffers[i + 1],
-                          buffer_rows[i].of_pixel > 0 ? pixels * (uint64_t) buffer_rows[i].of_pixel : st->sizes[i]);
+                          buffer_rows[i].pixel_bytes > 0 ? pixels * (uint64_t) buffer_rows[i].pixel_bytes : st->sizes[i]);
 }
 
 static void run_pixels(struct is_gpu *st, struct pell_gpu_commands *c, const char *name, enum pass pass)

@@ -36,9 +36,9 @@ static void layered_destroy(void *state)
     }
     pell_free(st->ctx, st->workers);
     pell_free(st->ctx, st->light_points);
-    for (size_t i = 0; i < st->num_sources; i++)
-        pell_light_sampler_destroy(&st->sources[i]);
-    pell_free(st->ctx, st->sources);
+    for (size_t i = 0; i < st->num_samplers; i++)
+        pell_light_sampler_destroy(&st->samplers[i]);
+    pell_free(st->ctx, st->samplers);
     for (size_t i = 0; st->planes && i < st->num_meshes; i++)
         pell_free(st->ctx, st->planes[i]);
     pell_free(st->ctx, st->planes);
@@ -182,7 +182,6 @@ static enum pell_result layered_create(const struct pell_services *services, con
     };
     st->size = vec3_length(vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min)));
     st->size = st->size > 0.0f && st->size < 1e12f ? st->size : 1.0f;
-    st->bands = (shape->height + BAND - 1) / BAND;
     PELL_TRY(make_media(st, scene));
     PELL_TRY(layered_fit(st, scene));
     PELL_TRY(layered_make_lights(st, scene));
@@ -253,11 +252,12 @@ static void read_packet(const struct layered_state *st, const struct layered_med
         const float x = camera.x - (w * p->corner[0][0][i] + u * p->corner[1][0][i] + v * p->corner[2][0][i]);
         const float y = camera.y - (w * p->corner[0][1][i] + u * p->corner[1][1][i] + v * p->corner[2][1][i]);
         const float z = camera.z - (w * p->corner[0][2][i] + u * p->corner[1][2][i] + v * p->corner[2][2][i]);
-        const float far = -(x * forward.x + y * forward.y + z * forward.z), per = 1.0f / fmaxf(sqrtf(x * x + y * y + z * z), 1e-20f);
-        p->spacing[i] = (in->shape.orthographic ? 1.0f : far) / in->shape.focal_px;
-        p->camera[0][i] = in->shape.orthographic ? -forward.x : per * x;
-        p->camera[1][i] = in->shape.orthographic ? -forward.y : per * y;
-        p->camera[2][i] = in->shape.orthographic ? -forward.z : per * z;
+        const float depth = -(x * forward.x + y * forward.y + z * forward.z),
+                    inv_length = 1.0f / fmaxf(sqrtf(x * x + y * y + z * z), 1e-20f);
+        p->spacing[i] = (in->shape.orthographic ? 1.0f : depth) / in->shape.focal_px;
+        p->camera[0][i] = in->shape.orthographic ? -forward.x : inv_length * x;
+        p->camera[1][i] = in->shape.orthographic ? -forward.y : inv_length * y;
+        p->camera[2][i] = in->shape.orthographic ? -forward.z : inv_length * z;
     }
 }
 
@@ -323,7 +323,6 @@ static void run_packet(const struct layered_state *st, int material, const int32
         }
         if (pending == LAYERED_GROUP || (pending > 0 && i + 1 == st->num_light_points)) {
             st->kernels->march(&st->work, m, p, w->sources, pending);
-            w->marches += (int64_t) pending * count;
             pending = 0;
         }
     }
@@ -397,9 +396,9 @@ static enum pell_result layered_render(void *state, const struct pell_frame *in,
     if (pell_services_observed(st->services, in))
         PELL_TRY(layered_show(st));
     for (int i = 0; i < st->num_light_points; i++)
-        st->light_points[i].grid = st->light_points[i].face ? NULL : pell_services_light_grid(st->services, st->light_points[i].light);
+        st->light_points[i].grid = st->light_points[i].per_pixel ? NULL : pell_services_light_grid(st->services, st->light_points[i].light);
     for (int i = 0; i < pell_pool_threads(st->pool); i++)
-        st->workers[i].pixels = st->workers[i].rays = st->workers[i].marches = 0;
+        st->workers[i].pixels = st->workers[i].rays = 0;
     pell_pool_run(st->pool, (in->rect.y1 - in->rect.y0 + BAND - 1) / BAND, run_band, st);
     for (int i = 0; i < pell_pool_threads(st->pool); i++) {
         pixels += st->workers[i].pixels;

@@ -10,7 +10,7 @@
 
 struct layered_diffuse {
     struct layered_multiple **multiple; /* by material of the scene */
-    const struct pell_method *blurring;
+    const struct pell_method *blur_method;
     void *blurs; /* state of the blur chain */
     struct pell_frame_material *materials;
     float *memory;
@@ -29,8 +29,8 @@ void layered_diffuse_destroy(struct layered_state *st)
 
     if (!d)
         return;
-    if (d->blurring)
-        d->blurring->cpu->destroy(d->blurs);
+    if (d->blur_method)
+        d->blur_method->cpu->destroy(d->blurs);
     for (size_t i = 0; d->multiple && i < st->num_materials; i++)
         pell_free(st->ctx, d->multiple[i]);
     pell_free(st->ctx, d->multiple);
@@ -78,12 +78,12 @@ static enum pell_result make_blurs(struct layered_state *st, const struct pell_f
         d->materials[i].white = false;
     }
     blur_shape.materials = d->materials;
-    d->blurring = pell_method_find(st->ctx, "layered", "screen-space");
+    d->blur_method = pell_method_find(st->ctx, "layered", "screen-space");
     res = PELL_ERR_UNSUPPORTED;
-    if (!d->blurring)
+    if (!d->blur_method)
         goto fail;
-    PELL_TRY(pell_method_knobs_create(st->ctx, d->blurring, "through=off,strength=off", &knobs));
-    res = d->blurring->cpu->create(st->services, &blur_shape, knobs, &d->blurs);
+    PELL_TRY(pell_method_knobs_create(st->ctx, d->blur_method, "through=off,strength=off", &knobs));
+    res = d->blur_method->cpu->create(st->services, &blur_shape, knobs, &d->blurs);
 
 fail:
     pell_method_knobs_destroy(st->ctx, &knobs);
@@ -218,7 +218,7 @@ enum pell_result layered_diffuse_render(struct layered_state *st)
 
     pell_pool_run(st->pool, in->rect.y1 - in->rect.y0, begin_row, st);
     if (d->blurs)
-        PELL_TRY(d->blurring->cpu->blurs(d->blurs, in, st->out, take, st));
+        PELL_TRY(d->blur_method->cpu->blurs(d->blurs, in, st->out, take, st));
     for (int y = in->rect.y0; y < in->rect.y1; y++)
         for (int c = 0; c < 3; c++) {
             const ptrdiff_t at = y * in->shape.stride + in->rect.x0;

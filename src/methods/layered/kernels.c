@@ -22,10 +22,10 @@ INLINE void store3(void *rows, int lane, const vf from[3])
 
 INLINE void unit3(vf a[3])
 {
-    const vf length = 1.0f / root(greater(dot3(a, a), all(1e-30f)));
+    const vf inv_length = 1.0f / root(greater(dot3(a, a), all(1e-30f)));
 
     for (int k = 0; k < 3; k++)
-        a[k] *= length;
+        a[k] *= inv_length;
 }
 
 /* Interpolates a vertex attribute over the triangle; rows of consecutive corners are `size` apart. */

@@ -29,7 +29,7 @@ struct layered_knobs {
     int path;       /* enum layered_path */
     int planes;     /* enum layered_planes */
     float epsilon;
-    int sources;
+    int light_samples;
     int under; /* enum layered_under */
     bool shadows;
     bool multiple;

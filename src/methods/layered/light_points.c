@@ -20,53 +20,53 @@ static void spread(double index, double u[3])
     u[2] = fraction(0.5 + index * 0.5497004779019703);
 }
 
-static void add_light(struct layered_state *st, const struct pell_scene *scene, size_t index, const struct pell_light_sampler *source,
+static void add_light(struct layered_state *st, const struct pell_scene *scene, size_t index, const struct pell_light_sampler *sampler,
                       int each)
 {
     const struct pell_light *light = &scene->lights[index];
     const bool environment = light->type == PELL_LIGHT_ENVIRONMENT;
-    const bool face = light->type == PELL_LIGHT_RECT || light->type == PELL_LIGHT_DISC;
-    const int count = environment ? ENVIRONMENT * each : face ? each : 1;
+    const bool area_light = light->type == PELL_LIGHT_RECT || light->type == PELL_LIGHT_DISC;
+    const int count = environment ? ENVIRONMENT * each : area_light ? each : 1;
 
-    for (int i = 0; i < count && pell_light_sampler_count(source) > 0; i++) {
+    for (int i = 0; i < count && pell_light_sampler_count(sampler) > 0; i++) {
         struct layered_light_point *s = &st->light_points[st->num_light_points];
         const struct pell_vec3 nowhere = { 0 };
         double u[3];
         spread((double) i, u);
         *s = (struct layered_light_point) {
-            .source = source, .face = face && each > 1, .index = i, .count = count, .scale = 1.0f, .light = index
+            .sampler = sampler, .per_pixel = area_light && each > 1, .index = i, .count = count, .scale = 1.0f, .light = index
         };
-        if (!pell_light_sampler_sample(source, nowhere, u, &s->sample))
+        if (!pell_light_sampler_sample(sampler, nowhere, u, &s->sample))
             continue;
         s->uniform = !light->image && (s->sample.distant || (light->type == PELL_LIGHT_POINT && !(light->range > 0.0f)));
         if (environment) {
             s->uniform = true;
             s->scale = (float) fmin(1.0 / (s->sample.pdf * count), 1e12);
-        } else if (face) {
+        } else if (area_light) {
             s->scale = (float) (1.0 / (s->sample.pdf * count));
         }
         if (s->uniform)
-            pell_light_sampler_power_at(source, &s->sample, nowhere, s->power);
+            pell_light_sampler_power_at(sampler, &s->sample, nowhere, s->power);
         st->num_light_points++;
     }
 }
 
 enum pell_result layered_make_lights(struct layered_state *st, const struct pell_scene *scene)
 {
-    const int each = st->knobs.sources;
+    const int each = st->knobs.light_samples;
     struct pell_scene alone = *scene;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    st->sources = pell_calloc(st->ctx, scene->num_lights + 1, sizeof(*st->sources));
+    st->samplers = pell_calloc(st->ctx, scene->num_lights + 1, sizeof(*st->samplers));
     st->light_points = pell_calloc(st->ctx, scene->num_lights * ENVIRONMENT + 1, (size_t) each * sizeof(*st->light_points));
-    if (!st->sources || !st->light_points)
+    if (!st->samplers || !st->light_points)
         goto fail;
     for (size_t i = 0; i < scene->num_lights; i++) {
         alone.lights = scene->lights + i;
         alone.num_lights = 1;
-        PELL_TRY(pell_light_sampler_create(st->ctx, &alone, &st->sources[i]));
-        st->num_sources = i + 1;
-        add_light(st, scene, i, st->sources[i], each);
+        PELL_TRY(pell_light_sampler_create(st->ctx, &alone, &st->samplers[i]));
+        st->num_samplers = i + 1;
+        add_light(st, scene, i, st->samplers[i], each);
     }
     return PELL_OK;
 
@@ -84,15 +84,15 @@ bool layered_set_power(const struct layered_state *st, const struct layered_ligh
     for (int i = 0; i < p->count; i++) {
         struct pell_light_sample one = s->sample;
         float power[3] = { s->power[0], s->power[1], s->power[2] }, scale = s->scale;
-        if (s->face) {
+        if (s->per_pixel) {
             const uint32_t hash = pell_hash((uint32_t) p->at[i] ^ pell_hash(st->in->seed));
             double u[3];
             spread((double) s->index + (double) sample * s->count + (double) (hash >> 8) * (1.0 / 64.0), u);
-            if (!pell_light_sampler_sample(s->source, layered_lane3(p->p, i), u, &one))
+            if (!pell_light_sampler_sample(s->sampler, layered_lane3(p->p, i), u, &one))
                 scale = 0.0f;
         }
         if (!s->uniform)
-            pell_light_sampler_power_at(s->source, &one, layered_lane3(p->p, i), power);
+            pell_light_sampler_power_at(s->sampler, &one, layered_lane3(p->p, i), power);
         if (!one.distant && !one.delta) {
             const struct pell_vec3 d = vec3_normalize(vec3_sub(layered_lane3(p->p, i), one.at));
             scale *= fmaxf(0.0f, vec3_dot(one.normal, d));

@@ -41,8 +41,8 @@ struct ray {
 
 INLINE void find_layers(const struct layered_work *work, const struct layered_medium *m, const struct ray *ray, struct step *s)
 {
-    const vf ex = select(s->far, ray->exit_rate, ray->rate), inv_rate = select(s->far, ray->inv_exit_rate, ray->inv_rate);
-    const vf low = greater(s->depth - 0.5f * s->step * ex, all(0.0f)), high = s->depth + 0.5f * s->step * ex;
+    const vf rate = select(s->far, ray->exit_rate, ray->rate), inv_rate = select(s->far, ray->inv_exit_rate, ray->inv_rate);
+    const vf low = greater(s->depth - 0.5f * s->step * rate, all(0.0f)), high = s->depth + 0.5f * s->step * rate;
     const vf first = select(s->far, s->depth, low), last = select(s->far, high, s->depth);
     vf above = { 0 }, covered = { 0 };
 
@@ -80,12 +80,12 @@ INLINE void path_by_planes(const struct layered_work *work, const struct layered
 
     load3(source->to, lane, to);
     if (!source->distant) {
-        vf length;
+        vf inv_length;
         for (int i = 0; i < 3; i++)
             to[i] -= work->refracts ? entry[i] : s->at[i];
-        length = 1.0f / root(greater(dot3(to, to), all(1e-12f)));
+        inv_length = 1.0f / root(greater(dot3(to, to), all(1e-12f)));
         for (int i = 0; i < 3; i++)
-            to[i] *= length;
+            to[i] *= inv_length;
     }
     cosine = dot3(s->plane, to);
     path->beam = load(source->seen + lane);
@@ -112,13 +112,13 @@ INLINE void path_by_planes(const struct layered_work *work, const struct layered
     for (int i = 0; i < 3; i++)
         k[i] = s->at[i] + path->km * path->dir[i];
     if (!source->distant) {
-        vf distant[3];
-        load3(source->to, lane, distant);
+        vf to_light[3];
+        load3(source->to, lane, to_light);
         for (int i = 0; i < 3; i++) {
-            distant[i] -= k[i];
+            to_light[i] -= k[i];
             entry[i] = k[i];
         }
-        d2 = greater(dot3(distant, distant), all(1e-6f));
+        d2 = greater(dot3(to_light, to_light), all(1e-6f));
         path->beam /= d2;
     } else {
         for (int i = 0; i < 3; i++)
@@ -160,7 +160,7 @@ INLINE void tint_at(const struct layered_medium *m, const struct layered_packet 
     u += dot3(g, d);
     load3(lookup->gv, lane, g);
     v += dot3(g, d);
-    look_up_numbers(&m->pack[m->packs], lookup, lane, 3, u, v, q);
+    look_up_values(&m->pack[m->packs], lookup, lane, 3, u, v, q);
     load3(p->entry_tint, lane, out);
     for (int c = 0; c < 3; c++)
         out[c] *= q[c] * (1.0f / 65535.0f / 32767.0f) + 32768.0f / 65535.0f;
@@ -172,7 +172,7 @@ INLINE vf interpolate_km(const struct layered_work *work, const struct layered_l
 {
     const float *at = work->node;
     const vf a = load(source->km[k] + lane), b = load(source->km[k + 1] + lane), slope = (b - a) * (1.0f / (at[k + 1] - at[k]));
-    vf bend = { 0 };
+    vf bend = { 0 }, km;
     float sides = 0.0f;
 
     t = t > at[k] ? t < at[k + 1] ? t : at[k + 1] : at[k];
@@ -186,8 +186,8 @@ INLINE vf interpolate_km(const struct layered_work *work, const struct layered_l
         bend += (after - slope) * (1.0f / (at[k + 2] - at[k]));
         sides += 1.0f;
     }
-    bend = a + slope * (t - at[k]) + bend * ((t - at[k]) * (t - at[k + 1]) / sides);
-    return lesser(greater(bend, lesser(a, b)), greater(a, b));
+    km = a + slope * (t - at[k]) + bend * ((t - at[k]) * (t - at[k + 1]) / sides);
+    return lesser(greater(km, lesser(a, b)), greater(a, b));
 }
 
 /* Path at t, interpolated between the two nearest nodes. */
@@ -195,7 +195,7 @@ INLINE void path_by_nodes(const struct layered_work *work, const struct layered_
                           const struct ray *ray, const struct step *s, struct path *path)
 {
     const int lane = ray->lane;
-    vf unit;
+    vf inv_length;
     float f;
     int k = 0;
 
@@ -215,9 +215,9 @@ INLINE void path_by_nodes(const struct layered_work *work, const struct layered_
     path->km_slope = clamped(path->km_slope, -1.0f, 20.0f);
     for (int i = 0; i < 3; i++)
         path->dir[i] = LERP_ROW(dir, [i]);
-    unit = 1.0f / root(greater(dot3(path->dir, path->dir), all(1e-12f)));
+    inv_length = 1.0f / root(greater(dot3(path->dir, path->dir), all(1e-12f)));
     for (int i = 0; i < 3; i++)
-        path->dir[i] *= unit;
+        path->dir[i] *= inv_length;
     for (int c = 0; c < 3 && m->colors; c++)
         path->tint[c] = LERP_ROW(tint, [c]);
 #undef LERP
@@ -229,23 +229,24 @@ INLINE void path_by_nodes(const struct layered_work *work, const struct layered_
     }
 }
 
-INLINE void mix_paths(const struct layered_medium *m, vf planes, const struct path *a, struct path *path)
+/* Blends `path`, by nodes, with the path by planes, of weight `planes`. */
+INLINE void mix_paths(const struct layered_medium *m, vf planes, const struct path *by_planes, struct path *path)
 {
     /* Blends reciprocals: where the surface curves away, the path by planes is the one that is far too long. Where no traced ray reached
      * the surface, only the path by planes has a length. */
-    const vf both = path->km * a->km / greater(planes * path->km + (1.0f - planes) * a->km, all(1e-20f));
+    const vf blended = path->km * by_planes->km / greater(planes * path->km + (1.0f - planes) * by_planes->km, all(1e-20f));
 
-    path->km = select((path->km > 0.0f) & (planes < 1.0f), both, a->km);
-    path->cosine += planes * (a->cosine - path->cosine);
+    path->km = select((path->km > 0.0f) & (planes < 1.0f), blended, by_planes->km);
+    path->cosine += planes * (by_planes->cosine - path->cosine);
     path->inv_cosine = 1.0f / path->cosine;
-    path->km_slope += planes * (a->km_slope - path->km_slope);
-    path->beam += planes * (a->beam - path->beam);
+    path->km_slope += planes * (by_planes->km_slope - path->km_slope);
+    path->beam += planes * (by_planes->beam - path->beam);
     for (int i = 0; i < 3; i++)
-        path->dir[i] += planes * (a->dir[i] - path->dir[i]);
+        path->dir[i] += planes * (by_planes->dir[i] - path->dir[i]);
     for (int c = 0; c < 3 && m->colors; c++)
-        path->tint[c] += planes * (a->tint[c] - path->tint[c]);
+        path->tint[c] += planes * (by_planes->tint[c] - path->tint[c]);
     for (int j = 0; j < m->count; j++)
-        path->bottom[j] += planes * (a->bottom[j] - path->bottom[j]);
+        path->bottom[j] += planes * (by_planes->bottom[j] - path->bottom[j]);
 }
 
 /* Optical depths of the path from K to M, base 2. */
@@ -295,16 +296,17 @@ INLINE void attenuation(const struct layered_work *work, const struct layered_me
     }
 }
 
-/* In-scattered light of the step: the contribution of each layer, integrated from the start down (far: from the end). */
+/* In-scattered light of the step: the contribution of each layer, integrated from the start down (far: from the end). `path_tau`: optical
+ * depths of the path, base 2. */
 INLINE void scatter(const struct layered_work *work, const struct layered_medium *m, const struct ray *ray, const struct step *s,
-                    const struct path *path, const vf light[3], const vf colour[3], vf sum[3])
+                    const struct path *path, const vf path_tau[3], const vf colour[3], vf sum[3])
 {
     const vf cosine = -dot3(path->dir, ray->w);
     const vf rate = work->exponential ? 1.0f + path->km_slope : all(1.0f);
     vf start[3], tau_above[3], weight[3];
 
     for (int c = 0; c < 3; c++) {
-        start[c] = s->tau[c] + light[c];
+        start[c] = s->tau[c] + path_tau[c];
         weight[c] = path->beam * colour[c] * s->alive;
         tau_above[c] = all(0.0f);
     }
@@ -335,15 +337,15 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
 }
 
 /* Adds the light reflected by the Lambertian substrate below the deepest layer where this step reaches it. */
-INLINE void add_substrate(const struct layered_work *work, const struct step *s, const struct path *path, const vf light[3],
+INLINE void add_substrate(const struct layered_work *work, const struct step *s, const struct path *path, const vf path_tau[3],
                           const vf colour[3], const vf base[3], vf sum[3])
 {
     const vf facing = greater(dot3(s->normal, path->dir), all(0.0f)), rate = work->exponential ? 1.0f + path->km_slope : all(1.0f);
 
     for (int c = 0; c < 3; c++) {
         const vf back = work->exponential ? path->km_slope * 0.5f * s->step_tau[c] : all(0.0f);
-        sum[c] +=
-            s->hits_substrate * path->beam * colour[c] * base[c] * facing * exp2_neg(s->tau[c] + light[c] - back + rate * s->step_tau[c]);
+        sum[c] += s->hits_substrate * path->beam * colour[c] * base[c] * facing *
+                  exp2_neg(s->tau[c] + path_tau[c] - back + rate * s->step_tau[c]);
     }
 }
 
@@ -352,7 +354,7 @@ INLINE void add_substrate(const struct layered_work *work, const struct step *s,
 INLINE void locate_sample(const struct layered_medium *m, const struct layered_packet *p, const struct ray *ray, struct step *s)
 {
     const int lane = ray->lane;
-    vf blend[3], length, depth_near = s->x * ray->rate;
+    vf blend[3], inv_length, depth_near = s->x * ray->rate;
 
     s->depth = depth_near;
     s->far = (vi) { 0 };
@@ -365,10 +367,10 @@ INLINE void locate_sample(const struct layered_medium *m, const struct layered_p
         s->at[k] = ray->p[k] + s->x * ray->w[k];
         blend[k] = (1.0f - s->t) * ray->n[k] + s->t * ray->s[k];
     }
-    length = 1.0f / root(greater(dot3(blend, blend), all(1e-12f)));
+    inv_length = 1.0f / root(greater(dot3(blend, blend), all(1e-12f)));
     s->plane_distance = all(0.0f);
     for (int k = 0; k < 3; k++) {
-        s->plane[k] = blend[k] * length;
+        s->plane[k] = blend[k] * inv_length;
         s->normal[k] = select(s->far, ray->exit_normal[k], s->plane[k]);
         s->plane_distance += (s->t * ray->h * ray->n[k] - s->x * ray->w[k]) * s->plane[k];
     }
@@ -401,7 +403,7 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
                        vf sum[3])
 {
     const int lane = ray->lane;
-    vf colour[3], light[3];
+    vf colour[3], path_tau[3];
     vi within_bound = { 0 };
     struct path path;
 
@@ -426,34 +428,34 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
     }
     for (int c = 0; c < 3 && m->colors; c++)
         colour[c] *= path.tint[c];
-    attenuation(work, m, s, &path, source->any_nodes || p->thin, light);
+    attenuation(work, m, s, &path, source->any_nodes || p->thin, path_tau);
     for (int c = 0; c < 3; c++) { /* light from below gets brighter on the way down, so its own path gives no bound */
-        const vf plane_distance = source->any_nodes || p->thin ? all(0.0f) : light[c];
-        within_bound |= s->tau[c] + plane_distance <= work->max_tau2;
+        const vf bound = source->any_nodes || p->thin ? all(0.0f) : path_tau[c];
+        within_bound |= s->tau[c] + bound <= work->max_tau2;
     }
     path.beam = (vf) ((vi) path.beam & light_state->lit);
     light_state->lit &= within_bound;
-    scatter(work, m, ray, s, &path, light, colour, sum);
+    scatter(work, m, ray, s, &path, path_tau, colour, sum);
     if (p->shows_substrate && any(s->hits_substrate > 0.0f)) {
         vf base[3];
         load3(p->color, lane, base);
-        add_substrate(work, s, &path, light, colour, base, sum);
+        add_substrate(work, s, &path, path_tau, colour, base, sum);
     }
 }
 
 /* Step boundaries for a packet, chosen by the mean depth of its marches. */
 static const float *edges_of(const struct layered_medium *m, const struct layered_packet *p)
 {
-    float deep = 0.0f, blend_m;
+    float deep = 0.0f, ratio;
     int k = 1;
 
     if (!p->thin)
         return m->edges[0];
     for (int i = 0; i < p->count; i++)
         deep += p->length[i] * p->rate[i];
-    blend_m = m->deepest > 0.0f ? deep / ((float) p->count * m->deepest) : 1.0f;
-    for (; k < LAYERED_THICKNESSES && blend_m < 0.707f; k++)
-        blend_m *= 2.0f;
+    ratio = m->deepest > 0.0f ? deep / ((float) p->count * m->deepest) : 1.0f;
+    for (; k < LAYERED_THICKNESSES && ratio < 0.707f; k++)
+        ratio *= 2.0f;
     return m->edges[k];
 }
 

@@ -165,8 +165,7 @@ INLINE vf wrapped_uv(vf u, enum pell_wrap wrap)
 
 /* Bilinear lookup of the first `count` values of a pack at (u, v): one fetch of four neighbours per lane. The result is signed and scaled
  * by 32767. */
-INLINE void look_up_numbers(const struct layered_pack *pack, const struct layered_lookup *lookup, int lane, int count, vf u, vf v,
-                            vf out[4])
+INLINE void look_up_values(const struct layered_pack *pack, const struct layered_lookup *lookup, int lane, int count, vf u, vf v, vf out[4])
 {
     const struct pell_texture *t = pack->map->texture;
     const vf w = load(lookup->width + lane), h = load(lookup->height + lane);
@@ -203,7 +202,7 @@ INLINE void look_up_numbers(const struct layered_pack *pack, const struct layere
 INLINE void look_up(const struct layered_medium *m, const struct layered_pack *pack, const struct layered_lookup *lookup, int lane,
                     int count, vf u, vf v, vf out[4])
 {
-    look_up_numbers(pack, lookup, lane, count, u, v, out);
+    look_up_values(pack, lookup, lane, count, u, v, out);
     for (int i = 0; i < count; i++)
         out[i] = out[i] * m->layer[pack->layer[i]].depth_scale + m->layer[pack->layer[i]].middle;
 }

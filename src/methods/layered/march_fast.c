@@ -41,11 +41,11 @@ struct entry {
 INLINE void enter(const struct layered_light *source, int lane, float eta, const vf at[3], const vf plane[3], vf plane_distance,
                   struct beam *beam, struct entry *entry)
 {
-    const vf unit = source->distant ? all(1.0f) : inverse_root(greater(beam->square, all(1e-12f)));
+    const vf inv_distance = source->distant ? all(1.0f) : inverse_root(greater(beam->square, all(1e-12f)));
     const float inv_eta = 1.0f / eta;
     vf cosine, co, ci, ss, sp, denominator, normal_part, numerator;
 
-    cosine = dot3(plane, beam->to) * unit;
+    cosine = dot3(plane, beam->to) * inv_distance;
     co = clamped(cosine, 1e-4f, 1.0f);
     ci = greater((1.0f - inv_eta * inv_eta) + (inv_eta * inv_eta) * (co * co), all(1e-12f));
     entry->inv_cosine = inverse_root(ci);
@@ -57,7 +57,7 @@ INLINE void enter(const struct layered_light *source, int lane, float eta, const
     entry->km = plane_distance * entry->inv_cosine;
     normal_part = ci - cosine * inv_eta;
     for (int k = 0; k < 3; k++)
-        entry->dir[k] = beam->to[k] * (unit * inv_eta) + normal_part * plane[k];
+        entry->dir[k] = beam->to[k] * (inv_distance * inv_eta) + normal_part * plane[k];
     if (!source->distant) {
         vf position[3];
         load3(source->to, lane, position);
@@ -110,11 +110,11 @@ INLINE void find_layers(const struct lanes *p, vf inv_rate, struct step *s, cons
     s->above = s->low;
     s->listed = 0;
     if (p->pack) {
-        vf over = { 0 }, numbers[4];
-        look_up(p->m, p->pack, p->lookup, p->lane, p->mapped, p->u, p->v, numbers);
+        vf over = { 0 }, depths[4];
+        look_up(p->m, p->pack, p->lookup, p->lane, p->mapped, p->u, p->v, depths);
 #pragma GCC unroll 4
         for (int j = 0; j < layers; j++) {
-            s->bottom[j] = greater(j < p->mapped ? numbers[j] : all(layer[j].depth), over);
+            s->bottom[j] = greater(j < p->mapped ? depths[j] : all(layer[j].depth), over);
             over = s->bottom[j];
         }
     }
@@ -143,7 +143,7 @@ INLINE void add_light(const struct lanes *p, const struct step *s, const struct 
 {
     const struct layered_layer *layer = p->m->layer, *last = &layer[layers - 1];
     const int mapped_above = p->mapped < layers ? p->mapped : layers - 1;
-    vf reach, cosine, faster, strength, start[3], other[FAST] = { { 0 } }, over = { 0 };
+    vf reach, cosine, km_slope, rate, strength, start[3], other[FAST] = { { 0 } }, over = { 0 };
 
     for (int c = 0; c < 3; c++)
         start[c] = s->plane_distance * last->sigma_t2[c];
@@ -157,16 +157,16 @@ INLINE void add_light(const struct lanes *p, const struct step *s, const struct 
         for (int c = 0; c < 3; c++)
             start[c] += reach * (layer[j].sigma_t2[c] - layer[j + 1].sigma_t2[c]);
     }
-    reach = s->slope * e->inv_cosine;
-    faster = 1.0f + reach;
+    km_slope = s->slope * e->inv_cosine;
+    rate = 1.0f + km_slope;
     for (int c = 0; c < 3; c++)
-        start[c] = p->tau[c] + start[c] * e->inv_cosine - reach * s->half[c];
+        start[c] = p->tau[c] + start[c] * e->inv_cosine - km_slope * s->half[c];
     strength = (vf) ((vi) (e->strength * p->alive) & b->lit);
     cosine = -dot3(e->dir, p->dir);
 #pragma GCC unroll 4
     for (int j = 0; j < layers; j++) {
         if (s->listed & 1u << j) {
-            const vf depth = faster * s->length[j], fraction = strength * s->length[j];
+            const vf depth = rate * s->length[j], fraction = strength * s->length[j];
             const bool thick = any(depth * layer[j].max_tau2 > 2.0f * THICK);
             vf phase = phase_value(&layer[j].phase[0], cosine);
             for (int c = 0; c < 3; c++) {
@@ -188,8 +188,8 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
     const int n = work->samples;
     const float *edges = m->edges[0];
     const vf length = load(p->length + lane), rate = load(p->rate + lane), inv_rate = 1.0f / rate;
-    const vf inv_length = 1.0f / greater(length, all(1e-20f)), rise = rate * length;
-    vf at[3], normal[3], normal_part[3], lag[3], u = { 0 }, v = { 0 }, du = { 0 }, dv = { 0 };
+    const vf inv_length = 1.0f / greater(length, all(1e-20f)), full_depth = rate * length;
+    vf at[3], normal[3], normal_change[3], lag[3], u = { 0 }, v = { 0 }, du = { 0 }, dv = { 0 };
     vf h = load(p->h + lane), gain = load(p->gain + lane);
     struct lanes k = { .m = m, .pack = m->packs > 0 ? &m->pack[0] : NULL, .lookup = p->lookup, .lane = lane, .alive = all(1.0f) };
     struct beam beams[LAYERED_GROUP];
@@ -199,9 +199,9 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
     load3(p->p, lane, at);
     load3(p->w, lane, k.dir);
     load3(p->n, lane, normal);
-    load3(p->s, lane, normal_part);
+    load3(p->s, lane, normal_change);
     for (int i = 0; i < 3; i++) {
-        normal_part[i] -= normal[i];
+        normal_change[i] -= normal[i];
         lag[i] = (h * normal[i]) * inv_length - k.dir[i]; /* from M toward the plane's point, divided by x */
     }
     if (k.pack) {
@@ -221,23 +221,23 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
     for (int i = 0; i < n; i++) {
         const float t = 0.5f * (edges[i] + edges[i + 1]);
         const vf x = length * t;
-        vf plane[3], m_at[3], unit;
+        vf plane[3], m_at[3], inv_norm;
         vi lit = { 0 };
 
         for (int a = 0; a < 3; a++) {
-            plane[a] = normal[a] + t * normal_part[a];
+            plane[a] = normal[a] + t * normal_change[a];
             m_at[a] = at[a] + x * k.dir[a];
         }
-        unit = inverse_root(greater(dot3(plane, plane), all(1e-12f)));
-        s.slope = magnitude(dot3(lag, plane)) * unit;
+        inv_norm = inverse_root(greater(dot3(plane, plane), all(1e-12f)));
+        s.slope = magnitude(dot3(lag, plane)) * inv_norm;
         for (int a = 0; a < 3; a++)
-            plane[a] *= unit;
+            plane[a] *= inv_norm;
         s.plane_distance = s.slope * x;
         for (int l = 0; l < count; l++)
             enter(&sources[l], lane, m->eta, m_at, plane, s.plane_distance, &beams[l], &entries[l]);
-        s.low = rise * edges[i];
+        s.low = full_depth * edges[i];
         s.middle = x * rate;
-        s.high = rise * edges[i + 1];
+        s.high = full_depth * edges[i + 1];
         k.u = u + x * du;
         k.v = v + x * dv;
         find_layers(&k, inv_rate, &s, layers);

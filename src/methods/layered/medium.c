@@ -3,6 +3,7 @@
 #include "methods/layered/layered.h"
 
 #include "base/base.h"
+#include "math/vec.h"
 #include "scene/layers.h"
 #include "scene/material_maps.h"
 #include "shared/color_share.h"
@@ -23,14 +24,14 @@ enum { DENSITY_CELLS = 4096 }; /* resolution of the density of steps */
 
 static void set_lobe(double g, double weight, struct pell_phase_terms *out, int k)
 {
-    out->n[k] = (float) (weight * (1.0 - g * g) / (4.0 * 3.14159265358979323846));
+    out->n[k] = (float) (weight * (1.0 - g * g) / (4.0 * PELL_PI));
     out->a[k] = (float) (1.0 + g * g);
     out->b[k] = (float) (2.0 * g);
 }
 
 static void set_phase(const struct pell_phase *from, struct pell_phase_terms *out)
 {
-    const double uniform = 1.0 / (4.0 * 3.14159265358979323846);
+    const double uniform = 1.0 / (4.0 * PELL_PI);
 
     memset(out, 0, sizeof(*out));
     switch (from->kind) {
@@ -125,9 +126,9 @@ static void shrink(const struct layered_level *from, const struct layered_level 
 }
 
 /* Interleaves each texel with the one below it, signed: see kernels.h. The last row serves only as the lower neighbour. */
-static void pair(const struct layered_level *l, const uint16_t *numbers, uint16_t *texels)
+static void pair(const struct layered_level *l, const uint16_t *values, uint16_t *texels)
 {
-    const uint16_t *from = numbers + 4 * (ptrdiff_t) l->offset;
+    const uint16_t *from = values + 4 * (ptrdiff_t) l->offset;
     uint16_t *to = texels + 8 * (ptrdiff_t) l->offset;
 
     for (ptrdiff_t i = 0; i < (ptrdiff_t) l->stride * (l->height + 1); i++)
@@ -138,7 +139,7 @@ static void pair(const struct layered_level *l, const uint16_t *numbers, uint16_
 }
 
 static void read_layer(const struct pell_layer_medium *layer_medium, struct layered_layer *layer, const struct layered_level *l,
-                       uint16_t *numbers)
+                       uint16_t *values)
 {
     struct pell_texture_map map = *layer_medium->map;
     const double depth = fmin(layer_medium->depth, (double) PELL_LAYER_DEPTH_MAX);
@@ -157,7 +158,7 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
                     largest = fraction > largest ? fraction : largest;
                     sum += (double) fraction;
                 } else {
-                    numbers[4 * (l->offset + (y + 1) * l->stride + x + 1) + layer->channel] =
+                    values[4 * (l->offset + (y + 1) * l->stride + x + 1) + layer->channel] =
                         (uint16_t) (largest > 0.0f ? fraction / largest * 65535.0f + 0.5f : 0.0f);
                 }
             }
@@ -168,7 +169,7 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
 }
 
 /* The colour of the entering light in place of depths. */
-static void read_color(const struct pell_texture_map *from, float mix, const struct layered_level *l, uint16_t *numbers)
+static void read_color(const struct pell_texture_map *from, float mix, const struct layered_level *l, uint16_t *values)
 {
     struct pell_texture_map map = *from;
 
@@ -179,7 +180,7 @@ static void read_color(const struct pell_texture_map *from, float mix, const str
             pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
             for (int c = 0; c < 3; c++) {
                 const float fraction = pell_color_share(rgba[c], mix);
-                numbers[4 * (l->offset + (y + 1) * l->stride + x + 1) + c] =
+                values[4 * (l->offset + (y + 1) * l->stride + x + 1) + c] =
                     (uint16_t) (fraction > 0.0f ? fminf(fraction, 1.0f) * 65535.0f + 0.5f : 0.0f);
             }
         }
@@ -190,7 +191,7 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
                                   struct layered_medium *m, struct layered_pack *p)
 {
     const struct pell_image *image = &p->map->texture->image;
-    uint16_t *numbers;
+    uint16_t *values;
     int64_t texels = 0;
 
     if (image->width < 1 || image->height < 1 || (int64_t) image->width * image->height > (int64_t) 1 << 28)
@@ -202,22 +203,22 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
         if ((w == 1 && h == 1) || p->levels == LAYERED_LEVELS || p->map->texture->nearest)
             break;
     }
-    numbers = pell_calloc(ctx, (size_t) texels, 4 * sizeof(*numbers));
+    values = pell_calloc(ctx, (size_t) texels, 4 * sizeof(*values));
     p->texels = pell_calloc(ctx, (size_t) texels, 8 * sizeof(*p->texels));
-    if (numbers && p->texels) {
+    if (values && p->texels) {
         if (!medium_layers)
-            read_color(p->map, m->tint.mix, &p->level[0], numbers);
+            read_color(p->map, m->tint.mix, &p->level[0], values);
         for (int k = 0; medium_layers && k < p->count; k++)
-            read_layer(&medium_layers->item[p->layer[k]], &m->layer[p->layer[k]], &p->level[0], numbers);
+            read_layer(&medium_layers->item[p->layer[k]], &m->layer[p->layer[k]], &p->level[0], values);
         for (int i = 0; i < p->levels; i++) {
             if (i > 0)
-                shrink(&p->level[i - 1], &p->level[i], numbers);
-            make_border(&p->level[i], p->map->texture, numbers);
-            pair(&p->level[i], numbers, p->texels);
+                shrink(&p->level[i - 1], &p->level[i], values);
+            make_border(&p->level[i], p->map->texture, values);
+            pair(&p->level[i], values, p->texels);
         }
     }
-    pell_free(ctx, numbers);
-    return numbers && p->texels ? PELL_OK : PELL_ERR_NOMEM;
+    pell_free(ctx, values);
+    return values && p->texels ? PELL_OK : PELL_ERR_NOMEM;
 }
 
 /* --- Construction --------------------------------------------------------------------------------------------------------------- */
@@ -225,7 +226,7 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
 static void set_depths(struct layered_medium *m, bool bottomless)
 {
     const struct layered_layer *last = &m->layer[m->count - 1];
-    float max_mapped = 0.0f, slowest = INFINITY, reach;
+    float max_mapped = 0.0f, min_sigma_t = INFINITY, reach;
 
     for (int i = 0; i < m->count - (bottomless ? 1 : 0); i++)
         max_mapped = fmaxf(max_mapped, m->layer[i].depth);
@@ -233,12 +234,12 @@ static void set_depths(struct layered_medium *m, bool bottomless)
     m->deepest = max_mapped;
     for (int c = 0; c < 3; c++) {
         if (last->sigma_s[c] > 0.0f)
-            slowest = fminf(slowest, last->sigma_t[c]);
+            min_sigma_t = fminf(min_sigma_t, last->sigma_t[c]);
         m->rest[c] = bottomless ? last->sigma_t2[c] : BLACK;
     }
     if (!bottomless)
         return;
-    reach = slowest > 0.0f && slowest < INFINITY ? OPAQUE_DEPTH / slowest : slowest > 0.0f ? 0.0f : LAYERED_FAR;
+    reach = min_sigma_t > 0.0f && min_sigma_t < INFINITY ? OPAQUE_DEPTH / min_sigma_t : min_sigma_t > 0.0f ? 0.0f : LAYERED_FAR;
     m->deepest = fminf(max_mapped + reach, LAYERED_FAR);
 }
 
@@ -325,38 +326,41 @@ static double step_density(const struct layered_medium *m, double x)
 /* Divides [0, 1] into `count` intervals of equal integral of a density tabulated over DENSITY_CELLS cells. */
 static void set_edges(const double *density, int count, float *edges)
 {
-    double sum = 0.0, before = 0.0, all = 0.0;
+    double sum = 0.0, position = 0.0, all = 0.0;
     int cell = 0;
 
     for (int i = 0; i < DENSITY_CELLS; i++)
         all += density[i];
     for (int i = 0; i <= count; i++) {
-        const double fraction = all * i / count;
-        while (cell < DENSITY_CELLS && sum + density[cell] < fraction)
+        const double target = all * i / count;
+        while (cell < DENSITY_CELLS && sum + density[cell] < target)
             sum += density[cell++];
-        before = cell < DENSITY_CELLS ? cell + (fraction - sum) / density[cell] : DENSITY_CELLS;
-        edges[i] = (float) fmin(before / DENSITY_CELLS, 1.0);
+        position = cell < DENSITY_CELLS ? cell + (target - sum) / density[cell] : DENSITY_CELLS;
+        edges[i] = (float) fmin(position / DENSITY_CELLS, 1.0);
     }
     edges[count] = 1.0f;
 }
 
 enum pell_result layered_medium_steps(struct pell_context *ctx, int count, bool equal, struct layered_medium *m)
 {
-    double *light = pell_alloc_array(ctx, DENSITY_CELLS, sizeof(*light)), *density = pell_alloc_array(ctx, DENSITY_CELLS, sizeof(*density));
+    double *light_density = pell_alloc_array(ctx, DENSITY_CELLS, sizeof(*light_density)),
+           *density = pell_alloc_array(ctx, DENSITY_CELLS, sizeof(*density));
     float *edges = pell_alloc_array(ctx, (size_t) count + 1, (1 + LAYERED_THICKNESSES) * sizeof(*edges));
     enum pell_result res = PELL_ERR_NOMEM;
 
     m->edges[0] = edges;
-    if (!light || !density || !edges)
+    if (!light_density || !density || !edges)
         goto fail;
     for (int k = 0; k <= LAYERED_THICKNESSES; k++) {
         const double thick = k > 0 ? ldexp(1.0, 1 - k) : 1.0, near = k > 0 ? NEAR_FRACTION : 1.0 - EQUAL_FRACTION,
                      far = k > 0 ? FAR_FRACTION : 0.0;
         double mean = 0.0;
         for (int i = 0; i < DENSITY_CELLS; i++)
-            mean += (light[i] = step_density(m, thick * (i + 0.5) / DENSITY_CELLS)) / DENSITY_CELLS;
+            mean += (light_density[i] = step_density(m, thick * (i + 0.5) / DENSITY_CELLS)) / DENSITY_CELLS;
         for (int i = 0; i < DENSITY_CELLS; i++)
-            density[i] = mean > 0.0 && !equal ? (near * light[i] + far * light[DENSITY_CELLS - 1 - i]) / mean + (1.0 - near - far) : 1.0;
+            density[i] = mean > 0.0 && !equal
+                             ? (near * light_density[i] + far * light_density[DENSITY_CELLS - 1 - i]) / mean + (1.0 - near - far)
+                             : 1.0;
         m->edges[k] = edges + (size_t) k * ((size_t) count + 1);
         set_edges(density, count, m->edges[k]);
     }
@@ -364,7 +368,7 @@ enum pell_result layered_medium_steps(struct pell_context *ctx, int count, bool 
 
 fail:
     pell_free(ctx, density);
-    pell_free(ctx, light);
+    pell_free(ctx, light_density);
     return res;
 }
 

@@ -42,7 +42,7 @@ static const struct pell_knob knobs[] = {
       "planes that approximate the surface: fitted to nearby vertices, weighted by area or equally; or each vertex's tangent plane" },
     { "epsilon", PELL_KNOB_FLOAT, "1", AT(epsilon), { 0.05 }, 1e-3, 0.9, NULL,
       "fit planes within the distance at which the first layer's transmittance is this; below 1e-3 distant geometry would be included" },
-    { "lamps", PELL_KNOB_INT, "1", AT(sources), { 4 }, 1, 256, NULL,
+    { "lamps", PELL_KNOB_INT, "1", AT(light_samples), { 4 }, 1, 256, NULL,
       "sample points on each area light; an environment gets four times as many directions" },
     { "below", PELL_KNOB_ENUM, "1", AT(under), { LAYERED_AS_MATERIAL }, 0, 0, under_names, "substrate below the deepest layer" },
     { "shadows", PELL_KNOB_BOOL, "1", AT(shadows), { 1 }, 0, 1, NULL, "trace shadow rays between the lights and the surface" },
@@ -67,7 +67,7 @@ static void paper(void *values)
     k->refraction = LAYERED_NONE;
     k->path = LAYERED_PLANES;
     k->planes = LAYERED_BY_VERTEX;
-    k->sources = 1;
+    k->light_samples = 1;
     k->under = LAYERED_STOP;
     k->shadows = false;
 }

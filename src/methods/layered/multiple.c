@@ -4,6 +4,7 @@
 
 #include "base/base.h"
 #include "math/quadrature.h"
+#include "math/vec.h"
 #include "scene/layers.h"
 
 #include <pellucid/layers.h>
@@ -46,7 +47,7 @@ static double scattering_at(const struct single_channel *o, double z, double *ta
  * root. */
 static double angle_of(double eta, double s, double *weight)
 {
-    const double t0 = eta > 1.0 ? acos(1.0 / eta) : 0.0, width = 0.5 * 3.14159265358979323846 - t0;
+    const double t0 = eta > 1.0 ? acos(1.0 / eta) : 0.0, width = 0.5 * PELL_PI - t0;
 
     *weight = 2.0 * width * s;
     return t0 + width * s * s;
@@ -94,7 +95,7 @@ double layered_single_total(const struct pell_medium_layers *layers, const float
         }
         sum += w[i] * dt * cos(t) * part * (1.0 - pell_fresnel(1.0 / layers->eta, mu));
     }
-    return 2.0 * 3.14159265358979323846 * sum;
+    return 2.0 * PELL_PI * sum;
 }
 
 /* --- Multiple scattering -------------------------------------------------------------------------------------------------------- */
@@ -103,9 +104,9 @@ struct sums { /* over all sets */
     struct pell_gaussians item[LAYERED_SETS];
 };
 
-/* Total albedo of the layers, in the scene's own lengths, which `strength` scales. */
-static bool reflect(const struct pell_material *m, const struct pell_frame_material *frame, const float *bottoms, double strength,
-                    int channel, struct pell_profile *out)
+/* Profile of the layers, in the lengths of the material, which `strength` scales; false: it returns no light. */
+static bool layers_profile(const struct pell_material *m, const struct pell_frame_material *frame, const float *bottoms, double strength,
+                           int channel, struct pell_profile *out)
 {
     struct pell_stack stack;
     double deep[PELL_LAYERS_MOST];
@@ -156,7 +157,7 @@ static bool solve_set(const struct pell_material *m, const struct pell_medium_la
     const double strength = fmin(fmax((double) m->strength, 1.0 / 1024.0), 1.0);
 
     for (int c = 0; c < 3; c++) {
-        if (reflect(m, frame, bottoms, strength, c, &profiles[c]))
+        if (layers_profile(m, frame, bottoms, strength, c, &profiles[c]))
             subtract_single(layers, bottoms, strength, c, &profiles[c]);
         else
             memset(&profiles[c], 0, sizeof(profiles[c]));
@@ -216,7 +217,7 @@ static float distance(const struct layered_multiple *m, const float *a, const fl
 }
 
 /* Bottoms at up to MAX_POINTS points of the meshes that have the material, distributed over their triangles. */
-static size_t look_around(const struct pell_scene *scene, int material, const struct pell_medium_layers *layers, float *bottoms)
+static size_t sample_bottoms(const struct pell_scene *scene, int material, const struct pell_medium_layers *layers, float *bottoms)
 {
     size_t triangles = 0, count = 0, before = 0;
 
@@ -282,9 +283,9 @@ static void make_cardinals(struct layered_multiple *m)
         for (int i = k + 1; i < n; i++)
             pivot = fabs(a[i][k]) > fabs(a[pivot][k]) ? i : pivot;
         for (int j = 0; j < 2 * n; j++) {
-            const double keep = a[k][j];
+            const double swapped = a[k][j];
             a[k][j] = a[pivot][j];
-            a[pivot][j] = keep;
+            a[pivot][j] = swapped;
         }
         for (int j = 2 * n - 1; j >= 0; j--)
             a[k][j] /= a[k][k];
@@ -341,7 +342,7 @@ enum pell_result layered_multiple_make(struct pell_context *ctx, const struct pe
         }
         out->bend[i] = (float) bend;
     }
-    count = look_around(scene, material, layers, bottoms);
+    count = sample_bottoms(scene, material, layers, bottoms);
     for (size_t i = 0; i < count; i++)
         bend_depths(out, bottoms + i * n, x + i * n);
     if (count > 0)
@@ -349,7 +350,8 @@ enum pell_result layered_multiple_make(struct pell_context *ctx, const struct pe
     res = PELL_ERR_INVALID;
     for (int s = 0; s < out->sets; s++)
         if (!solve_set(m, layers, frame, bottoms + chosen[s] * n, profiles, &sums->item[s])) {
-            pell_error(ctx, res, m->name, "set multiple=off", "no sum of %d Gaussians fits what these layers reflect", LAYERED_GAUSSIANS);
+            pell_error(ctx, res, m->name, "set multiple=off", "no sum of %d Gaussians fits what these layers layers_profile",
+                       LAYERED_GAUSSIANS);
             goto fail;
         }
     share_variances(sums, out);

@@ -105,7 +105,7 @@ static uint64_t hash_of(const struct layered_state *st, const struct pell_scene 
     return hash;
 }
 
-static uint64_t positions_of(const struct layered_cloud *cloud)
+static uint64_t hash_of_shape(const struct layered_cloud *cloud)
 {
     const size_t size = 3 * cloud->fitted * sizeof(float);
 
@@ -172,7 +172,7 @@ static struct pell_dvec3 rotate(const struct axes *from, const struct axes *to, 
 /* Transforms the planes of the first frame; false: the solid has changed shape. */
 static bool transform_planes(const struct cached_solid *s, const struct layered_cloud *cloud, float (*plane)[4])
 {
-    const double still = RIGID_TOLERANCE * (double) cloud->radius;
+    const double tolerance = RIGID_TOLERANCE * (double) cloud->radius;
     struct axes from, to;
     size_t three[3];
 
@@ -184,7 +184,7 @@ static bool transform_planes(const struct cached_solid *s, const struct layered_
         const struct pell_dvec3 expected = rotate(&from, &to, dvec3_sub(point(s->position, i), from.at));
         const struct pell_dvec3 off = dvec3_sub(dvec3_sub(point(cloud->position, i), to.at), expected);
         const struct pell_dvec3 change = dvec3_sub(rotate(&from, &to, point(s->normal, i)), point(cloud->normal, i));
-        if (!(dvec3_dot(off, off) <= still * still) || !(dvec3_dot(change, change) <= NORMAL_TOLERANCE * NORMAL_TOLERANCE))
+        if (!(dvec3_dot(off, off) <= tolerance * tolerance) || !(dvec3_dot(change, change) <= NORMAL_TOLERANCE * NORMAL_TOLERANCE))
             return false;
     }
     for (size_t i = 0; i < s->count; i++) {
@@ -293,7 +293,7 @@ enum pell_result layered_cache_load(const struct layered_state *st, const struct
     *left = cloud->fitted;
     if (s->count == 0 || s->count != cloud->fitted || s->hash != hash_of(st, scene, first, cloud))
         return PELL_OK;
-    if (s->last == positions_of(cloud)) {
+    if (s->last == hash_of_shape(cloud)) {
         memcpy(plane, s->last_plane, s->count * sizeof(*plane));
         *left = 0;
     } else if (transform_planes(s, cloud, plane)) {
@@ -329,7 +329,7 @@ enum pell_result layered_cache_store(const struct layered_state *st, const struc
         s->count = n;
         s->hash = hash;
     }
-    s->last = positions_of(cloud);
+    s->last = hash_of_shape(cloud);
     memcpy(s->last_plane, plane, n * sizeof(*s->plane));
     return PELL_OK;
 }

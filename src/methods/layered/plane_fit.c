@@ -33,8 +33,8 @@ static size_t count_parts(const struct pell_context *ctx, const struct pell_mesh
     return count;
 }
 
-/* The centroids of the parts of a triangle, each weighted by its area. */
-static void add_parts(const struct pell_mesh *mesh, uint32_t triangle, const struct pell_vec3 at[3], int cuts, float area,
+/* The centroids of the parts of a triangle, with equal fractions of its weight. */
+static void add_parts(const struct pell_mesh *mesh, uint32_t triangle, const struct pell_vec3 at[3], int cuts, float weight,
                       struct layered_cloud *cloud)
 {
     for (int i = 0; i < cuts; i++)
@@ -44,7 +44,7 @@ static void add_parts(const struct pell_mesh *mesh, uint32_t triangle, const str
             const struct pell_vec3 p = vec3_mad(vec3_mad(vec3_mul(at[0], 1.0f - u - v), u, at[1]), v, at[2]);
             vec3_store(p, cloud->position + 3 * cloud->count);
             vec3_store(layered_normal_at(mesh, triangle, u, v), cloud->normal + 3 * cloud->count);
-            cloud->weight[cloud->count++] = fmaxf(area / (float) (cuts * cuts), 1e-20f);
+            cloud->weight[cloud->count++] = fmaxf(weight / (float) (cuts * cuts), 1e-20f);
         }
 }
 
@@ -58,15 +58,15 @@ static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct
         weight[i] = 0.0f;
     for (uint32_t t = 0; t < mesh->num_triangles && !pell_cancelled_at(cloud->ctx, t); t++) {
         struct pell_vec3 at[3];
-        float area;
+        float twice_area;
         int cuts;
         pell_triangle_corners(mesh, t, at);
-        area = vec3_length(pell_triangle_cross(at));
+        twice_area = vec3_length(pell_triangle_cross(at));
         cuts = parts ? cuts_of(at, cloud->radius) : 1;
         if (cuts > 1)
-            add_parts(mesh, t, at, cuts, area, cloud);
+            add_parts(mesh, t, at, cuts, twice_area, cloud);
         for (int k = 0; k < 3 && cuts == 1; k++)
-            weight[mesh->index[3 * (size_t) t + (size_t) k]] += area * (1.0f / 3.0f);
+            weight[mesh->index[3 * (size_t) t + (size_t) k]] += twice_area * (1.0f / 3.0f);
     }
     for (uint32_t i = 0; i < mesh->num_vertices; i++)
         weight[i] = weight[i] > 1e-20f && weight[i] < 1e20f ? weight[i] : 1e-20f; /* vertices without a triangle, or with large ones only */

@@ -14,7 +14,7 @@
 
 #include <string.h>
 
-enum { FEW = 6, ASK_EACH = 16, BATCH = 256 };
+enum { MIN_POINTS = 6, TEST_EACH = 16, BATCH = 256 };
 #define MAX_FLATNESS 0.5 /* largest ratio of the smallest variance to the middle one */
 #define MIN_WIDTH 1e-4   /* smallest ratio of the middle variance to the largest; below it the points are on a line */
 #define MIN_COSINE 0.2   /* smallest cosine between the plane and the vertex normal */
@@ -65,14 +65,14 @@ static int64_t cell_index(const struct fit *f, int axis, double x)
     return i > 0.0 ? i < (double) f->across[axis] ? (int64_t) i : f->across[axis] - 1 : 0;
 }
 
-/* Key of a cell: 19 bits per axis, 7 for the window of the normal's direction. */
-static uint64_t key_of(int64_t x, int64_t y, int64_t z, unsigned window)
+/* Key of a cell: 19 bits per axis, 7 for the bin of the normal's direction. */
+static uint64_t key_of(int64_t x, int64_t y, int64_t z, unsigned bin)
 {
-    return ((uint64_t) z << 38 | (uint64_t) y << 19 | (uint64_t) x) << 7 | window;
+    return ((uint64_t) z << 38 | (uint64_t) y << 19 | (uint64_t) x) << 7 | bin;
 }
 
-/* Index of the normal's direction: one of 16 windows on one of the six faces of a cube, [0, 96). */
-static unsigned normal_window(const float *n)
+/* Index of the normal's direction: one of 16 bins on one of the six faces of a cube, [0, 96). */
+static unsigned normal_bin(const float *n)
 {
     const float size[3] = { fabsf(n[0]), fabsf(n[1]), fabsf(n[2]) };
     const int axis = size[0] >= size[1] && size[0] >= size[2] ? 0 : size[1] >= size[2] ? 1 : 2;
@@ -154,8 +154,7 @@ static enum pell_result make_grid(struct fit *f, double size)
         goto fail;
     for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++) {
         const float *p = c->position + 3 * i, *n = c->normal + 3 * i;
-        keys[i] =
-            key_of(cell_index(f, 0, (double) p[0]), cell_index(f, 1, (double) p[1]), cell_index(f, 2, (double) p[2]), normal_window(n));
+        keys[i] = key_of(cell_index(f, 0, (double) p[0]), cell_index(f, 1, (double) p[1]), cell_index(f, 2, (double) p[2]), normal_bin(n));
     }
     PELL_TRY(pell_order_by_code(c->ctx, c->count, code_at, keys, &order));
     for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++)
@@ -208,7 +207,7 @@ static void add_cell(const struct fit *f, const struct cell *c, const int64_t at
     box_reach(f, at, v, &near, &far);
     if (near > radius2)
         return;
-    if (far > radius2 && c->count <= ASK_EACH) {
+    if (far > radius2 && c->count <= TEST_EACH) {
         for (uint32_t i = 0; i < c->count; i++) {
             const uint32_t vertex = f->sorted[c->first + i].vertex;
             const float *n = f->cloud->normal + 3 * (size_t) vertex;
@@ -302,7 +301,7 @@ static bool plane_of(const struct moments *m, const double v[3], const float *no
     double a[3][3], values[3], vectors[3][3], mean[3], n[3], dot = 0.0, h = 0.0;
     int least = 0, most = 0, middle;
 
-    if (m->count < FEW || !(m->weight > 0.0))
+    if (m->count < MIN_POINTS || !(m->weight > 0.0))
         return false;
     for (int i = 0; i < 3; i++)
         mean[i] = m->sum[i] / m->weight;

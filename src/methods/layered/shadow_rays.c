@@ -49,8 +49,9 @@ static void far_lookup(const struct layered_medium *m, struct layered_packet *p,
     const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
     const struct pell_vec3 e1 = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), a);
     const struct pell_vec3 e2 = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), a), n = vec3_cross(e1, e2);
-    const float square = vec3_dot(n, n), area = square > 1e-30f ? 1.0f / square : 0.0f;
-    const struct pell_vec3 g1 = vec3_mul(vec3_cross(e2, n), area), g2 = vec3_mul(vec3_cross(n, e1), area), w = layered_lane3(p->w, i);
+    const float square = vec3_dot(n, n), inv_square = square > 1e-30f ? 1.0f / square : 0.0f;
+    const struct pell_vec3 g1 = vec3_mul(vec3_cross(e2, n), inv_square), g2 = vec3_mul(vec3_cross(n, e1), inv_square),
+                           w = layered_lane3(p->w, i);
     const float d1 = vec3_dot(g1, w), d2 = vec3_dot(g2, w);
 
     for (int k = 0; k < m->packs + m->colors; k++) {

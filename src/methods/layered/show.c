@@ -36,7 +36,7 @@ static void fill(const struct layered_state *st, float *planes[4], float **depth
             const struct pell_mesh *mesh;
             const struct pell_medium_layers *layers;
             float plane[4];
-            if (!in->material[at] || in->mesh[at] >= st->num_meshes || !st->planes[in->mesh[at]])
+            if (!in->material[at] || !layered_shows(st, at))
                 continue;
             mesh = &scene->meshes[in->mesh[at]];
             layers = st->medium_layers[mesh->material];

@@ -15,9 +15,9 @@
 
 /* A sample point on a light, or the rule to choose one per pixel. */
 struct layered_light_point {
-    const struct pell_light_sampler *source; /* its set contains this light only */
+    const struct pell_light_sampler *sampler; /* of this light only */
     struct pell_light_sample sample;
-    bool face;                          /* chosen for each pixel */
+    bool per_pixel;                     /* the point is chosen for each pixel */
     bool uniform;                       /* `power` describes the light completely */
     size_t light;                       /* index in the scene */
     const struct pell_light_grid *grid; /* of the frame: visibility from the light; NULL: trace shadow rays */
@@ -28,7 +28,7 @@ struct layered_light_point {
 struct layered_worker {
     struct layered_packet packet;
     struct layered_light sources[LAYERED_GROUP];
-    int64_t pixels, rays, marches;
+    int64_t pixels, rays;
 };
 
 struct layered_diffuse;
@@ -47,8 +47,8 @@ struct layered_state {
     size_t num_materials;
     float (**planes)[4]; /* by mesh */
     size_t num_meshes;
-    struct pell_light_sampler **sources;
-    size_t num_sources;
+    struct pell_light_sampler **samplers; /* by light */
+    size_t num_samplers;
     struct layered_light_point *light_points;
     int num_light_points;
     struct layered_worker *workers;
@@ -66,7 +66,6 @@ struct layered_state {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
     const struct pell_view *view;
-    int bands;
 };
 
 static inline bool layered_scatters(const struct pell_scene *scene, const struct pell_mesh *mesh)
@@ -168,7 +167,7 @@ void layered_refracted_destroy(struct layered_state *st);
 /* The shortest of the refracted paths from `light` (distant: a direction) to x inside; the light of the other paths is added to it, reduced
  * by the extinction along their extra length. False: no light reaches x. */
 bool layered_refract(const struct layered_state *st, const struct layered_medium *m, int solid, struct pell_vec3 x, bool distant,
-                     struct pell_vec3 to, struct layered_entry *out, int64_t *rays);
+                     struct pell_vec3 light, struct layered_entry *out, int64_t *rays);
 
 /* --- diffuse.c: diffuse radiant exitance ---------------------------------------------------------------------------------------------- */
 

@@ -92,10 +92,10 @@ void single_medium_attach(struct single_medium *medium, const struct pell_scene 
         pell_triangle_corners(m, at->triangle, corner);
         area += 0.5 * (double) vec3_length(pell_triangle_cross(corner));
         for (int k = 0; k < PELL_UV_SETS; k++) {
-            const float *uv = m->uv[k], *x = uv ? uv + 2 * (size_t) index[0] : NULL;
+            const float *uv = m->uv[k], *a = uv ? uv + 2 * (size_t) index[0] : NULL;
             if (uv) {
-                const float *y = uv + 2 * (size_t) index[1], *z = uv + 2 * (size_t) index[2];
-                uv_area[k] += 0.5 * fabs((double) (y[0] - x[0]) * (double) (z[1] - x[1]) - (double) (y[1] - x[1]) * (double) (z[0] - x[0]));
+                const float *b = uv + 2 * (size_t) index[1], *c = uv + 2 * (size_t) index[2];
+                uv_area[k] += 0.5 * fabs((double) (b[0] - a[0]) * (double) (c[1] - a[1]) - (double) (b[1] - a[1]) * (double) (c[0] - a[0]));
             }
         }
     }

@@ -7,8 +7,8 @@
  * S: distance where the ray leaves the solid; paths: all refracted paths to the light (transport/refraction/connect.h); E: irradiance
  * perpendicular to the beam, with the boundary's transmittance F_t. For each light sample one distance s is sampled:
  *
- * - by transmittance: a channel is chosen, then its optical depth; - equi-angularly as seen from the light sample (Kulla and Fajardo 2012),
- * whose position approximates the unknown entry point of its
+ * - by transmittance: a channel is chosen, then its optical depth;
+ * - equi-angularly as seen from the light sample (Kulla and Fajardo 2012), whose position approximates the unknown entry point of its
  *   light; uniformly for distant lights.
  *
  * Both are combined by the balance heuristic (Veach and Guibas 1995). A batch takes the same number of each. Batches are independent: their
@@ -37,9 +37,9 @@ struct ray {
     double transmit;        /* F_t / eta^2 */
     float tint[3];          /* tint of the light that leaves */
     struct single_segments segments;
-    double length;        /* mm inside the solid */
-    double opacity[3];    /* 1 - e^-tau over the whole ray */
-    int lit[3], channels; /* indices of the channels that scatter */
+    double length;               /* mm inside the solid */
+    double opacity[3];           /* 1 - e^-tau over the whole ray */
+    int scattering[3], channels; /* indices of the channels that scatter, and their number */
     struct single_counts *counts;
 };
 
@@ -150,7 +150,7 @@ static double transmittance_pdf(const struct ray *ray, const struct single_layer
     double sum = 0.0;
 
     for (int i = 0; i < ray->channels; i++) {
-        const int c = ray->lit[i];
+        const int c = ray->scattering[i];
         sum += ray->opacity[c] > 1e-9 ? layer->sigma_t[c] * exp(-depth[c]) / ray->opacity[c] : 1.0 / ray->length;
     }
     return sum / ray->channels;
@@ -158,7 +158,7 @@ static double transmittance_pdf(const struct ray *ray, const struct single_layer
 
 static double sample_transmittance(const struct ray *ray, double pick, double xi)
 {
-    const int c = ray->lit[pick * ray->channels < ray->channels ? (int) (pick * ray->channels) : ray->channels - 1];
+    const int c = ray->scattering[pick * ray->channels < ray->channels ? (int) (pick * ray->channels) : ray->channels - 1];
 
     if (!(ray->opacity[c] > 1e-9))
         return xi * ray->length;
@@ -208,13 +208,13 @@ static void add_light_sample(const struct ray *ray, const struct pell_light_samp
 {
     const struct pell_vec3 x = vec3_mad(ray->at, (float) s, ray->w), back = vec3_mul(ray->w, -1.0f);
     struct pell_connection paths[PELL_CONNECTIONS];
-    double slowest = INFINITY, reach;
+    double min_sigma_t = INFINITY, reach;
     int n;
 
     for (int i = 0; i < ray->medium->layers; i++)
         for (int k = 0; k < ray->channels; k++)
-            slowest = fmin(slowest, ray->medium->layer[i].sigma_t[ray->lit[k]]);
-    reach = slowest > 0.0 ? SINGLE_OPAQUE / slowest : INFINITY;
+            min_sigma_t = fmin(min_sigma_t, ray->medium->layer[i].sigma_t[ray->scattering[k]]);
+    reach = min_sigma_t > 0.0 ? SINGLE_OPAQUE / min_sigma_t : INFINITY;
     n = pell_connect(
         ray->world->connector,
         &(struct pell_connection_query) { ray->solid, ray->eta, x, source->distant ? source->toward : source->at, source->distant, reach },
@@ -235,7 +235,7 @@ static void add_light_sample(const struct ray *ray, const struct pell_light_samp
             continue;
         tint(ray->world, p->mesh, p->triangle, p->u, p->v, true, power);
         for (int k = 0; k < ray->channels; k++) {
-            const int c = ray->lit[k];
+            const int c = ray->scattering[k];
             out[c] += layer->sigma_s[c] * pell_phase_value(&layer->phase[c], cosine) * beam * (double) power[c] *
                       exp(-depth[c] - segments.segment[segments.count - 1].depth[c]);
         }
@@ -244,13 +244,14 @@ static void add_light_sample(const struct ray *ray, const struct pell_light_samp
 
 static void run_batch(const struct ray *ray, uint32_t seed, double sum[3])
 {
-    const int kind = ray->world->knobs.distance;
+    const int technique = ray->world->knobs.distance;
 
     for (uint32_t i = 0; i < BATCH_SAMPLES; i++) {
-        const bool by_angle = kind == SINGLE_EQUIANGULAR || (kind == SINGLE_BOTH && i % 2);
+        const bool by_angle = technique == SINGLE_EQUIANGULAR || (technique == SINGLE_BOTH && i % 2);
         const double u[3] = { pell_lattice(seed, 0, i), pell_lattice(seed, 1, i), pell_lattice(seed, 2, i) };
-        const double xi = kind == SINGLE_BOTH ? (i / 2 + pell_unit_double(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (BATCH_SAMPLES / 2)
-                                              : (i + pell_unit_double(pell_hash(seed ^ 0x51ed270bu))) / BATCH_SAMPLES;
+        const double xi = technique == SINGLE_BOTH
+                              ? (i / 2 + pell_unit_double(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (BATCH_SAMPLES / 2)
+                              : (i + pell_unit_double(pell_hash(seed ^ 0x51ed270bu))) / BATCH_SAMPLES;
         double depth[3], density = 0.0, s, light[3] = { 0 };
         const struct single_layer *layer;
         struct pell_light_sample source;
@@ -260,11 +261,11 @@ static void run_batch(const struct ray *ray, uint32_t seed, double sum[3])
         angles = angles_of(ray, &source);
         s = by_angle ? sample_angle(ray, &angles, xi) : sample_transmittance(ray, pell_lattice(seed, 3, i), xi);
         layer = &ray->medium->layer[ray->segments.segment[single_segments_at(&ray->segments, ray->medium, s, depth)].layer];
-        if (kind != SINGLE_EQUIANGULAR)
+        if (technique != SINGLE_EQUIANGULAR)
             density += transmittance_pdf(ray, layer, depth);
-        if (kind != SINGLE_TRANSMITTANCE)
+        if (technique != SINGLE_TRANSMITTANCE)
             density += angle_pdf(ray, &angles, s);
-        density *= source.pdf * (kind == SINGLE_BOTH ? BATCH_SAMPLES / 2 : BATCH_SAMPLES);
+        density *= source.pdf * (technique == SINGLE_BOTH ? BATCH_SAMPLES / 2 : BATCH_SAMPLES);
         if (!(density > 0.0))
             continue;
         add_light_sample(ray, &source, s, layer, depth, light);
@@ -309,7 +310,7 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
         for (int i = 0; i < ray.medium->layers; i++)
             scatters = scatters || ray.medium->layer[i].sigma_s[c] > 0.0;
         if (scatters)
-            ray.lit[ray.channels++] = c;
+            ray.scattering[ray.channels++] = c;
     }
     if (ray.channels == 0 || !(ray.length > 0.0 && ray.length < INFINITY))
         return;
