@@ -73,7 +73,7 @@ void pell_method_knobs_destroy(struct pell_context *ctx, void **knobs)
 }
 
 /* "as" selects the defaults of all knobs, so setting it alone would leave the others unchanged. */
-static enum pell_result single(struct pell_context *ctx, const struct pell_method *method, const char *name, char owner[SHOWN])
+static enum pell_result check_single(struct pell_context *ctx, const struct pell_method *method, const char *name, char owner[SHOWN])
 {
     snprintf(owner, SHOWN, "method %s", method->name);
     if (strcmp(name, "as") != 0)
@@ -86,7 +86,7 @@ enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const stru
                                             const char *text)
 {
     char owner[SHOWN];
-    const enum pell_result res = single(ctx, method, name, owner);
+    const enum pell_result res = check_single(ctx, method, name, owner);
 
     return res == PELL_OK ? pell_knob_set(ctx, method->knobs, owner, where, knobs, name, text) : res;
 }
@@ -95,7 +95,7 @@ enum pell_result pell_method_knobs_set_number(struct pell_context *ctx, const st
                                               double number)
 {
     char owner[SHOWN];
-    const enum pell_result res = single(ctx, method, name, owner);
+    const enum pell_result res = check_single(ctx, method, name, owner);
 
     return res == PELL_OK ? pell_knob_set_number(ctx, method->knobs, owner, where, knobs, name, number) : res;
 }

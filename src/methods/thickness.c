@@ -77,6 +77,7 @@ void pell_slab_medium(const struct pell_frame_material *m, double d, struct pell
     }
 }
 
+/* Lateral spread of the light that a slab transmits, mm^2. */
 static double spread(const void *of, int channel, double d)
 {
     struct pell_medium medium;

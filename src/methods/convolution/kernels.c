@@ -30,7 +30,7 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
         int32_t i[WIDTH], k[WIDTH];
         float depth[WIDTH];
         int32_t group[WIDTH];
-        vi from = on->at + safe * (int32_t) on->step, group_from = on->group_at + safe * (int32_t) on->group_step, is;
+        vi from = on->at + safe * (int32_t) on->step, group_from = on->group_at + safe * (int32_t) on->group_step, in_group;
         vf other, difference;
         memcpy(i, &from, sizeof(from));
         memcpy(k, &group_from, sizeof(group_from));
@@ -38,11 +38,11 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
             depth[l] = d->depth[i[l]];
             group[l] = d->group[k[l]];
         }
-        memcpy(&is, group, sizeof(is));
-        is = (is == own) & inside;
-        other = d->parallel ? load(depth) : 1.0f / select(is, load(depth), all(1.0f));
+        memcpy(&in_group, group, sizeof(in_group));
+        in_group = (in_group == own) & inside;
+        other = d->parallel ? load(depth) : 1.0f / select(in_group, load(depth), all(1.0f));
         difference = dir < 0 ? here - other : other - here;
-        best = select(is & (magnitude(difference) < magnitude(best)), difference, best);
+        best = select(in_group & (magnitude(difference) < magnitude(best)), difference, best);
     }
     return select(magnitude(best) < INFINITY, best / FLOATS(by), all(0.0f));
 }
@@ -92,11 +92,11 @@ static void far_slants(const struct conv_depths *d, int y, int from, int to, uin
 {
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
-        const vi is = which(d->group + y * d->group_stride + x, own, n);
-        const vf self = load_first(slant + x, n), depth = select(is, load_first(d->depth + y * d->stride + x, n), all(1.0f));
+        const vi in_group = which(d->group + y * d->group_stride + x, own, n);
+        const vf self = load_first(slant + x, n), depth = select(in_group, load_first(d->depth + y * d->stride + x, n), all(1.0f));
         const vf step = d->median_px / (d->parallel ? all(1.0f) : depth), part = within(step - 0.5f, 0.0f, 1.0f);
         vf out = self;
-        if (any(is & (self > 0.0f) & (part > 0.0f))) {
+        if (any(in_group & (self > 0.0f) & (part > 0.0f))) {
             const vi by = INTS(within(step + 0.5f, 1.0f, 65536.0f));
             const vf over = lesser(slant_of(facing(d, x, y, depth, (vi) { 0 } + own, by)), self);
             out = select((self > 0.0f) & (part > 0.0f), mix_of(self, over, part), self);
@@ -145,9 +145,10 @@ static void compute_weights(const struct conv_weights *w, const struct conv_row 
 
     for (int i = 0; i < s->count; i += WIDTH) {
         const int n = s->count - i;
-        const vi is = which(s->group + i, s->own, n);
-        const vf p = select(is, load_first(s->coord + i, n), all(0.0f)), self = select(is, load_first(s->slant + i, n), all(0.0f));
-        const vf over = select(is, load_first(s->far + i, n), all(0.0f)), a = select(is, load_first(s->area + i, n), all(1.0f));
+        const vi in_group = which(s->group + i, s->own, n);
+        const vf p = select(in_group, load_first(s->coord + i, n), all(0.0f)),
+                 self = select(in_group, load_first(s->slant + i, n), all(0.0f));
+        const vf over = select(in_group, load_first(s->far + i, n), all(0.0f)), a = select(in_group, load_first(s->area + i, n), all(1.0f));
         const vi plane = INTS(p), next = choose(plane < w->planes - 1, plane + 1, plane);
         const vf t = p - FLOATS(plane), u = t * (float) (CONV_PHASES - 1), pixels = within(a * w->per_unit2, 1e-4f, 1e5f);
         const struct row at = row_of(self, CONV_SLANTS), own_at = row_of(self, CONV_FINE), far_at = row_of(over, CONV_FINE);
@@ -156,7 +157,7 @@ static void compute_weights(const struct conv_weights *w, const struct conv_row 
         const vf narrow = pick(w->pixel, plane), wide = pick(w->pixel, next);
         const vi first = plane * (w->several ? SIZE : 0);
         vf width;
-        if (!any(is))
+        if (!any(in_group))
             continue;
         width = width_factor(false, t, narrow, wide, all(1.0f));
         for (int c = 0; c < 3; c++) {
@@ -246,15 +247,15 @@ static void spread(const struct conv_spread *s, const uint16_t *group, const flo
     for (int x = 0; x < count; x += WIDTH) {
         const int n = s->x1 - x < WIDTH ? s->x1 - x : WIDTH, room = count - x;
         const vf column = lanes_from((float) x);
-        vi is = { 0 };
+        vi in_group = { 0 };
         vf p = { 0 }, e = { 0 };
         float v[WIDTH];
         if (n > 0)
-            is = which(group + x, s->own, n) & (column >= (float) s->x0);
-        if (any(is)) {
-            p = select(is, load_first(coord + x, n), all(0.0f));
+            in_group = which(group + x, s->own, n) & (column >= (float) s->x0);
+        if (any(in_group)) {
+            p = select(in_group, load_first(coord + x, n), all(0.0f));
             e = load_first(entry_weight + x, n);
-            e = select(is, light ? e * load_first(light + x, n) : e, all(0.0f));
+            e = select(in_group, light ? e * load_first(light + x, n) : e, all(0.0f));
         }
         if (!any(e != 0.0f)) {
             for (int i = 0; i < s->planes + s->between && s->step == 1; i++)
@@ -297,10 +298,10 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
 
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
-        const vi is = which(g->group + x, g->own, n);
-        const vf p = select(is, load_first(g->coord + x, n), all(-2.0f));
+        const vi in_group = which(g->group + x, g->own, n);
+        const vf p = select(in_group, load_first(g->coord + x, n), all(-2.0f));
         vf sum = { 0 };
-        if (!any(is))
+        if (!any(in_group))
             continue;
         for (int i = 0; i < g->planes; i++) {
             const vf weight = plane_weight(p, i);
@@ -311,7 +312,7 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
                 sum += between_weight(p, i) * load_first(between[i] + x, n);
         }
         sum = greater(sum * load_first(g->exit_weight + x, n), all(0.0f));
-        store_first(out + x, select(is, sum, load_first(out + x, n)), n);
+        store_first(out + x, select(in_group, sum, load_first(out + x, n)), n);
     }
 }
 

@@ -46,11 +46,11 @@ static void weight_hidden(const struct convolution_state *st, const struct buffe
     for (int i = 0; i < count; i++) {
         const int px = (x0 + i) * b->step, x = px > rect->x0 ? px : rect->x0;
         const ptrdiff_t pixel = y * f->stride + x;
-        const bool is = cells.group[i] == cells.own, before = is && x < rect->x1 && f->group[pixel] == cells.own;
-        const float slant = is ? b->slant[at + (size_t) i] : 0.0f;
+        const bool in_group = cells.group[i] == cells.own, before = in_group && x < rect->x1 && f->group[pixel] == cells.own;
+        const float slant = in_group ? b->slant[at + (size_t) i] : 0.0f;
         to->slant[i] = slant < 0.0f ? slant : 0.0f;
         to->over[i] = before ? fminf(slant, to->far[x - rect->x0]) : slant;
-        to->behind[i] = is ? b->coord[at + (size_t) i] : 0.0f;
+        to->behind[i] = in_group ? b->coord[at + (size_t) i] : 0.0f;
         to->front[i] = before ? f->coord[pixel] : 0.0f;
         to->distance[i] = before ? fmaxf(b->depth[at + (size_t) i] - j->in->depth[y * j->in->shape.stride + x], 0.0f) : -1.0f;
     }
@@ -182,10 +182,10 @@ static void set_edges(struct convolution_state *st, int c)
     for (int y = 0; y < SIDE; y++)
         for (int x = 0; x < SIDE; x++) {
             const float radius2 = (float) (x * x + y * y) * lay->unit * lay->unit, value = convolution_radial_value(r, radius2);
-            const bool is = value > MIN_VALUE;
+            const bool positive = value > MIN_VALUE;
             s->radius2[y][x] = radius2;
-            s->square[y][x] = is ? (float) squares[y * SIDE + x] : 0.0f;
-            s->per_value[y][x] = is ? 1.0f / value : 0.0f;
+            s->square[y][x] = positive ? (float) squares[y * SIDE + x] : 0.0f;
+            s->per_value[y][x] = positive ? 1.0f / value : 0.0f;
             s->next[y][x] = s->per_value[y][x] * convolution_radial_value(r, radius2 + spacing * spacing);
         }
 }
@@ -246,10 +246,10 @@ static void spread_front(const struct convolution_state *st, const struct band *
     int ends[2] = { INT_MAX, 0 };
 
     for (int row = j->y0 + y * st->format.step; row < j->y0 + (y + 1) * st->format.step; row++) {
-        const bool is = row >= rect->y0 && row < rect->y1;
-        const int py = is ? row : rect->y0;
+        const bool inside = row >= rect->y0 && row < rect->y1;
+        const int py = inside ? row : rect->y0;
         const ptrdiff_t at = py * f->stride + j->x0;
-        s.x1 = is ? rect->x1 - j->x0 : 0;
+        s.x1 = inside ? rect->x1 - j->x0 : 0;
         st->kernels->spread(&s, f->group + at, f->coord + at, f->entry_weight[j->channel] + at,
                             j->uniform ? NULL : j->in->irradiance[j->channel] + py * j->in->shape.stride + j->x0,
                             to->images + (y - to->y0) * j->stride, to->marks, ends);
@@ -356,9 +356,9 @@ static void spread_behind(const struct convolution_state *st, const struct band 
         spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, &c);
         for (int i = 0; i < c.count; i++) {
             const int px = (x + i) * b->step > rect->x0 ? (x + i) * b->step : rect->x0;
-            const bool is = b->group[at + (size_t) i] == j->group + 1 && close[i] != 0.0f;
-            coord[i] = is ? f->coord[py * f->stride + px] : 0.0f;
-            any = any || is;
+            const bool moved = b->group[at + (size_t) i] == j->group + 1 && close[i] != 0.0f;
+            coord[i] = moved ? f->coord[py * f->stride + px] : 0.0f;
+            any = any || moved;
         }
         c.coord = coord;
         c.entry_weight = close;

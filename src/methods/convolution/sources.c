@@ -232,18 +232,18 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         }
         pell_rays_closest16(s->services->rays, open, true, &hit);
         for (int i = 0; i < 16; i++) {
-            bool is = open[i] && hit.hit.mesh[i] < s->solids->num_meshes;
+            bool hidden = open[i] && hit.hit.mesh[i] < s->solids->num_meshes;
             ray_hits.depth[i] = s->far_depth - hit.ray.tfar[i];
-            is = is && !is_seen(s, c, i, cell_y, &hit, ray_hits.depth[i]);
-            open[i] = is ? -1 : 0;
+            hidden = hidden && !is_seen(s, c, i, cell_y, &hit, ray_hits.depth[i]);
+            open[i] = hidden ? -1 : 0;
             hit.ray.tnear[i] = hit.ray.tfar[i] + 2e-5f * s->far_depth;
-            ray_hits.points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
+            ray_hits.points.mesh[i] = hidden ? hit.hit.mesh[i] : PELL_NO_HIT;
             ray_hits.points.triangle[i] = hit.hit.triangle[i];
             ray_hits.points.u[i] = hit.hit.u[i];
             ray_hits.points.v[i] = hit.hit.v[i];
             ray_hits.points.seed[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
-            spacing += is ? conv_pixel_at(s->in, ray_hits.depth[i]) * (float) b->step : 0.0f;
-            num_hits += is;
+            spacing += hidden ? conv_pixel_at(s->in, ray_hits.depth[i]) * (float) b->step : 0.0f;
+            num_hits += hidden;
         }
         if (num_hits == 0)
             break;

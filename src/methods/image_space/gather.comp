@@ -111,13 +111,13 @@ void main()
 
     if (!is_inside(p))
         return;
-    const vec4 own = texels[2 * i], its = texels[2 * i + 1];
-    if (own.w == 0.0) {
+    const vec4 texel_plane = texels[2 * i], texel_light = texels[2 * i + 1];
+    if (texel_plane.w == 0.0) {
         light[i] = alpha[i] = vec4(0.0);
         return;
     }
     const bool parallel = pc.orthographic != 0;
-    const ShadingPoint shading_point = start(p, own, its.a);
+    const ShadingPoint shading_point = start(p, texel_plane, texel_light.a);
     Sums s = Sums(vec3(0.0), vec3(0.0), 0.0);
 
     take_samples(shading_point, 0, pc.by_count != 0 ? pc.first_kind : shading_point.samples, s);
@@ -137,7 +137,8 @@ void main()
         const bool kept = shading_point.strength > IS_STRENGTH_MIN && (pc.by_weight != 0  ? s.weight[c] > 1e-20
                                                           : pc.by_count != 0 ? s.count > 0.0
                                                                              : true);
-        result[c] = (!kept ? its[c] : pc.by_weight != 0 ? s.light[c] / s.weight[c] : s.light[c]) * (shading_point.scale[c] * pc.factor);
+        result[c] = (!kept ? texel_light[c] : pc.by_weight != 0 ? s.light[c] / s.weight[c] : s.light[c]) *
+                    (shading_point.scale[c] * pc.factor);
         blend[c] = kept ? IS_RECONSTRUCT(t) : 0.0;
     }
     light[i] = vec4(result, 0.0);

@@ -114,8 +114,8 @@ void choose_samples(ivec2 pixel, int row, inout ShadingPoint p)
     p.others = float(p.samples - importance);
 }
 
-// `own`, `h`: of its texel.
-ShadingPoint start(ivec2 pixel, vec4 own, float h)
+// `texel_plane`, `h`: of its texel.
+ShadingPoint start(ivec2 pixel, vec4 texel_plane, float h)
 {
     const int i = pixel_at(pixel), set = 4 * (int(surface[i].x) - 1);
     const uvec4 scale = sets[set + 1], quarter = sets[set + 2];
@@ -126,13 +126,13 @@ ShadingPoint start(ivec2 pixel, vec4 own, float h)
     const float strength = pc.strength != 0 ? uintBitsToFloat(surface[i].y) : 1.0;
     ShadingPoint p;
 
-    p.key = own.w;
+    p.key = texel_plane.w;
     p.pixel = pixel;
-    p.z = parallel ? own.x : 1.0 / own.x;
+    p.z = parallel ? texel_plane.x : 1.0 / texel_plane.x;
     p.t = parallel ? vec2(0.0) : ray;
     p.at = vec3(parallel ? ray : ray * p.z, p.z);
-    p.n = vec3(own.yz * pc.focal_px, 0.0);
-    p.n.z = parallel ? -1.0 : own.x - p.n.x * ray.x - p.n.y * ray.y;
+    p.n = vec3(texel_plane.yz * pc.focal_px, 0.0);
+    p.n.z = parallel ? -1.0 : texel_plane.x - p.n.x * ray.x - p.n.y * ray.y;
     p.per_h = 1.0 / sqrt(p.n.x * p.n.x + p.n.y * p.n.y + p.n.z * p.n.z);
     p.n *= p.per_h;
     tangents(p.n, p.s, p.q);
@@ -172,19 +172,19 @@ SurfaceHit find_in_camera(ShadingPoint p, vec2 sampled)
     if (!is_inside(q) || !(parallel || depth > 0.0))
         return hit;
     const int i = pixel_at(q);
-    const vec4 own = texels[2 * i], its = texels[2 * i + 1];
-    if (own.w != p.key)
+    const vec4 texel_plane = texels[2 * i], texel_light = texels[2 * i + 1];
+    if (texel_plane.w != p.key)
         return hit;
-    hit.light = its.rgb;
+    hit.light = texel_light.rgb;
     hit.valid = true;
     hit.to = o;
     hit.jacobian = 1.0;
     if (step == ivec2(0))
         return hit;
-    const float plane = IS_PLANE_AT(own.x, own.y, own.z, du - float(step.x), dv - float(step.y));
+    const float plane = IS_PLANE_AT(texel_plane.x, texel_plane.y, texel_plane.z, du - float(step.x), dv - float(step.y));
     const float z = parallel ? plane : 1.0 / plane, length_px = parallel ? 1.0 / f : z * (1.0 / f), ratio = length_px * scale;
     hit.valid = parallel || plane > 0.0;
-    hit.jacobian = parallel ? its.w * p.per_h : IS_AREA_RATIO(its.w * p.per_h, ratio);
+    hit.jacobian = parallel ? texel_light.w * p.per_h : IS_AREA_RATIO(texel_light.w * p.per_h, ratio);
     hit.to = vec3((z - p.z) * p.t + vec2(du, dv) * length_px, z - p.z);
     return hit;
 }
@@ -214,24 +214,24 @@ vec3 into_view(int v, vec3 p, float shifted)
 }
 
 // Both halves of the texel of a point, and the offset of the point from its centre; key 0 outside of the image.
-void load_texel(int v, View m, vec3 p, out vec2 off, out vec4 own, out vec4 its)
+void load_texel(int v, View m, vec3 p, out vec2 off, out vec4 texel_plane, out vec4 texel_light)
 {
     const float scale = m.parallel ? m.f : m.f / p.z;
     const vec2 uv = vec2(within(scale * p.x + m.middle.x), within(scale * p.y + m.middle.y));
     const ivec2 q = ivec2(nearest(uv.x), nearest(uv.y));
     const ivec2 size = v == 0 ? ivec2(pc.width, pc.height) : ivec2(pc.view_size);
 
-    own = its = vec4(0.0);
+    texel_plane = texel_light = vec4(0.0);
     off = uv - vec2(q);
     if (q.x < 0 || q.y < 0 || q.x >= size.x || q.y >= size.y || !(m.parallel || p.z > 0.0))
         return;
     const int i = ((v == 0 ? 0 : (v - 1) * size.y) + q.y) * size.x + q.x;
     if (v == 0) {
-        own = texels[2 * i];
-        its = texels[2 * i + 1];
+        texel_plane = texels[2 * i];
+        texel_light = texels[2 * i + 1];
     } else {
-        own = lights[2 * i];
-        its = lights[2 * i + 1];
+        texel_plane = lights[2 * i];
+        texel_light = lights[2 * i + 1];
     }
 }
 
@@ -268,14 +268,15 @@ SurfaceHit find_in_light(int v, ShadingPoint p, vec2 sampled)
     const SamplesPlane plane = plane_of(v, m, p);
     vec3 point = plane.at + sampled.x * plane.s + sampled.y * plane.q;
     vec2 off;
-    vec4 own, its;
+    vec4 texel_plane, texel_light;
     SurfaceHit hit;
 
-    load_texel(v, m, point, off, own, its);
-    const float w = IS_PLANE_AT(own.x, own.y, own.z, off.x, off.y), z = m.parallel ? w : 1.0 / w, ratio = z / point.z;
-    hit.valid = own.w == p.key && (m.parallel || w > 0.0);
-    hit.light = its.rgb;
-    hit.jacobian = jacobian_of(m, its.w, ratio, plane.dist);
+    load_texel(v, m, point, off, texel_plane, texel_light);
+    const float w = IS_PLANE_AT(texel_plane.x, texel_plane.y, texel_plane.z, off.x, off.y);
+    const float z = m.parallel ? w : 1.0 / w, ratio = z / point.z;
+    hit.valid = texel_plane.w == p.key && (m.parallel || w > 0.0);
+    hit.light = texel_light.rgb;
+    hit.jacobian = jacobian_of(m, texel_light.w, ratio, plane.dist);
     point = vec3(m.parallel ? point.xy : point.xy * ratio, z) - plane.at;
     hit.to = views[4 * (v - 1)].xyz * point.x + views[4 * (v - 1) + 1].xyz * point.y + views[4 * (v - 1) + 2].xyz * point.z;
     return hit;
@@ -288,15 +289,15 @@ float density_from(int v, ShadingPoint p, vec3 to)
     const SamplesPlane plane = plane_of(v, m, p);
     vec3 point = into_view(v, to, 0.0) + plane.at;
     vec2 off;
-    vec4 own, its;
+    vec4 texel_plane, texel_light;
     float ratio = 1.0, fraction;
 
-    load_texel(v, m, point, off, own, its);
-    if (own.w != p.key)
+    load_texel(v, m, point, off, texel_plane, texel_light);
+    if (texel_plane.w != p.key)
         return 0.0;
-    const float w = IS_PLANE_AT(own.x, own.y, own.z, off.x, off.y), z = m.parallel ? w : 1.0 / w;
+    const float w = IS_PLANE_AT(texel_plane.x, texel_plane.y, texel_plane.z, off.x, off.y), z = m.parallel ? w : 1.0 / w;
     // Within a pixel's depth of the visible surface.
-    const float deep = its.w * (m.parallel ? 1.0 / m.f : z * z * (1.0 / m.f));
+    const float deep = texel_light.w * (m.parallel ? 1.0 / m.f : z * z * (1.0 / m.f));
     if (!(abs(point.z - z) < deep + 1e-5 * abs(z)))
         return 0.0;
     // The point p' of the tangent plane on the same ray.
@@ -312,7 +313,7 @@ float density_from(int v, ShadingPoint p, vec3 to)
     const float square = dot(point - plane.at, point - plane.at) * p.per_length2;
     if (!(square < IS_SQUARE_MAX))
         return 0.0;
-    const float jacobian = pc.jacobian != 0 ? jacobian_of(m, its.w, ratio, plane.dist) : 1.0;
+    const float jacobian = pc.jacobian != 0 ? jacobian_of(m, texel_light.w, ratio, plane.dist) : 1.0;
     const int at = p.rows + find_row(square, fraction);
     float density = p.importance * (rows[at].w + fraction * rows[at + 1].w);
     if (p.broad2 > 0.0) {

@@ -56,14 +56,14 @@ static void view_row(void *arg, int y, int worker)
 
         pell_view_closest16(v, t->services->rays, x, v->width, y, PELL_RAY_TRANSLUCENT, valid, &hit);
         for (int i = 0; i < 16; i++) {
-            const bool is = valid[i] && hit.hit.mesh[i] < t->solids->num_meshes;
-            points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
+            const bool hits = valid[i] && hit.hit.mesh[i] < t->solids->num_meshes;
+            points.mesh[i] = hits ? hit.hit.mesh[i] : PELL_NO_HIT;
             points.triangle[i] = hit.hit.triangle[i];
             points.u[i] = hit.hit.u[i];
             points.v[i] = hit.hit.v[i];
             points.seed[i] = (uint32_t) (y * v->width + x + i);
-            spacing += is ? (v->orthographic ? 1.0f : hit.ray.tfar[i]) / v->focal_px : 0.0f;
-            count += is;
+            spacing += hits ? (v->orthographic ? 1.0f : hit.ray.tfar[i]) / v->focal_px : 0.0f;
+            count += hits;
         }
         if (count == 0)
             continue;
