@@ -70,7 +70,7 @@ static enum pell_result make_planes(struct is_state *st, const struct pell_frame
     struct is_work *w = &st->setup.work;
     const size_t stride = ((size_t) shape->width + IS_BLOCK - 1) / IS_BLOCK * IS_BLOCK + 2 * IS_MARGIN;
     const size_t size = stride * ((size_t) shape->height + 2 * IS_MARGIN) + 48;
-    float **const planes[PLANES] = { &w->key,      &w->w,        &w->gu,       &w->gv,       &w->flat,    &w->alpha[0],
+    float **const planes[PLANES] = { &w->key,      &w->w,        &w->gu,       &w->gv,       &w->footprints, &w->alpha[0],
                                      &w->alpha[1], &w->alpha[2], &w->light[0], &w->light[1], &w->light[2] };
 
     w->stride = (ptrdiff_t) stride;

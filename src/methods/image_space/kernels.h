@@ -63,19 +63,19 @@ struct is_count {
 struct is_work {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
-    ptrdiff_t stride;                   /* of the planes below, which have margins of IS_MARGIN pixels and rows */
-    float *key, *w, *gu, *gv, *flat;    /* of the camera's pixels; key 0: empty */
-    float *alpha[3], *light[3];         /* weight of a pixel in the reconstruction, and its M */
-    float *texels;                      /* the camera's irradiance image */
-    ptrdiff_t texel_stride;             /* texels per row */
-    const int32_t *solid;               /* per pixel, texel_stride apart; NULL: keys are materials */
-    const struct is_set *sets;          /* by material */
-    struct is_count counts[IS_CLASSES]; /* without adaptive sampling only IS_CLASS_OF_ALL is used */
-    int samples_row;                    /* samples of all classes */
-    const uint8_t *classes;             /* of regions, from the frame's first one on; NULL: all IS_CLASS_OF_ALL */
-    int regions_row;                    /* regions per row of the frame */
-    int first_kind;                     /* samples of the first distribution; all if there is only one */
-    int tile;                           /* 1, 2, 4, 8 */
+    ptrdiff_t stride;                      /* of the planes below, which have margins of IS_MARGIN pixels and rows */
+    float *key, *w, *gu, *gv, *footprints; /* of the camera's pixels; key 0: empty; footprints off the plane per unit of w */
+    float *alpha[3], *light[3];            /* weight of a pixel in the reconstruction, and its M */
+    float *texels;                         /* the camera's irradiance image */
+    ptrdiff_t texel_stride;                /* texels per row */
+    const int32_t *solid;                  /* per pixel, texel_stride apart; NULL: keys are materials */
+    const struct is_set *sets;             /* by material */
+    struct is_count counts[IS_CLASSES];    /* without adaptive sampling only IS_CLASS_OF_ALL is used */
+    int samples_row;                       /* samples of all classes */
+    const uint8_t *classes;                /* of regions, from the frame's first one on; NULL: all IS_CLASS_OF_ALL */
+    int regions_row;                       /* regions per row of the frame */
+    int first_kind;                        /* samples of the first distribution; all if there is only one */
+    int tile;                              /* 1, 2, 4, 8 */
     const struct is_view *views;
     int num_views;           /* not counting the camera's */
     bool jacobian, inverted; /* whether to apply the Jacobian; as misprinted */

@@ -59,7 +59,7 @@ void PELL_SIMD(is_measure)(const struct is_work *w, int y)
             store(gv + l, b / f);
             /* Distance from this plane, in footprints of a facing pixel, for a difference of one in w. */
             norm = load(h + l);
-            store(w->flat + at, f / (parallel ? norm : norm * ray));
+            store(w->footprints + at, f / (parallel ? norm : norm * ray));
             store(w->gu + at, load(gu + l));
             store(w->gv + at, load(gv + l));
         }

@@ -19,7 +19,7 @@ void PELL_SIMD(is_rebuild)(const struct is_work *w, int y)
         for (int l = 0; l < IS_BLOCK; l += WIDTH) {
             const ptrdiff_t at = y * w->stride + block + l;
             const vf key = load(w->key + at), here = load(w->w + at), gu = load(w->gu + at), gv = load(w->gv + at);
-            const vf flat = load(w->flat + at);
+            const vf footprints = load(w->footprints + at);
             vf own[3], moved[3] = { { 0 } };
             for (int c = 0; c < 3; c++)
                 own[c] = load(w->light[c] + at);
@@ -30,7 +30,7 @@ void PELL_SIMD(is_rebuild)(const struct is_work *w, int y)
                     const vf w_other = load(w->w + other), fx = all((float) dx), fy = all((float) dy);
                     const vf to = here + gu * fx + gv * fy - w_other;
                     const vf back = w_other - load(w->gu + other) * fx - load(w->gv + other) * fy - here;
-                    const vf off = magnitude(to) * flat + magnitude(back) * load(w->flat + other);
+                    const vf off = magnitude(to) * footprints + magnitude(back) * load(w->footprints + other);
                     vf weight = greater(1.0f - off * off * IS_OFF_PLANE, all(0.0f)) * (box * over);
                     if (dx == 0 && dy == 0)
                         continue;

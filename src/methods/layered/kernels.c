@@ -111,7 +111,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     const float eta = work->refracts ? m->eta : 1.0f;
     const vf u = load(p->u + lane), v = load(p->v + lane);
     vf at[3], n[3], s[3], facet[3], camera[3], dir[3], corner[3], e1[3], e2[3], a[3], b[3], square, h, co, ci, down, facing, f = { 0 };
-    vi fine;
+    vi usable;
 
     mean3(p->corner, 3, lane, u, v, at);
     mean3(p->normal, 3, lane, u, v, n);
@@ -139,10 +139,10 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     unit3(facet);
     facing = dot3(facet, camera);
     co = dot3(n, camera);
-    fine = (dot3(n, n) > 0.5f) & (co > 1e-3f); /* else the shading normal faces away from the camera */
+    usable = (dot3(n, n) > 0.5f) & (co > 1e-3f); /* else the shading normal faces away from the camera */
     for (int k = 0; k < 3; k++)
-        n[k] = select(fine, n[k], select(facing < 0.0f, -facet[k], facet[k]));
-    co = clamped(select(fine, co, magnitude(facing)), 1e-3f, 1.0f);
+        n[k] = select(usable, n[k], select(facing < 0.0f, -facet[k], facet[k]));
+    co = clamped(select(usable, co, magnitude(facing)), 1e-3f, 1.0f);
     ci = root(1.0f - (1.0f - co * co) / (eta * eta));
     if (eta != 1.0f) {
         const vf rs = (co - eta * ci) / (co + eta * ci), rp = (eta * co - ci) / (eta * co + ci);
@@ -151,11 +151,11 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     for (int k = 0; k < 3; k++)
         dir[k] = (co / eta - ci) * n[k] - camera[k] / eta;
     down = -dot3(s, dir);
-    fine = down > -1e3f; /* else the vertices have no fitted plane */
+    usable = down > -1e3f; /* else NaN: a vertex has no plane */
     for (int k = 0; k < 3; k++)
-        s[k] = select(fine, s[k], n[k]);
-    h = (vf) ((vi) h & fine);
-    down = greater(select(fine, down, ci), all(LAYERED_GRAZING));
+        s[k] = select(usable, s[k], n[k]);
+    h = (vf) ((vi) h & usable);
+    down = greater(select(usable, down, ci), all(LAYERED_GRAZING));
     store3(p->p, lane, at);
     store3(p->n, lane, n);
     store3(p->s, lane, s);

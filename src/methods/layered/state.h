@@ -138,7 +138,7 @@ PELL_NODISCARD enum pell_result layered_make_lights(struct layered_state *st, co
 bool layered_set_power(const struct layered_state *st, const struct layered_light_point *s, const struct layered_packet *p,
                        struct layered_light *source);
 
-/* --- shadow_rays.c: rays of a packet -------------------------------------------------------------------------------------------------- */
+/* --- packet_rays.c: rays of a packet -------------------------------------------------------------------------------------------------- */
 
 /* Finds where the camera rays leave the solid: marches end there, and in thin parts layers are counted from there, too. */
 void layered_find_exits(const struct layered_state *st, const struct layered_medium *m, const uint32_t *mesh, struct layered_worker *w);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * shadow_rays.c - rays of a packet: the exit of the camera ray from the solid, and paths from lights to points of the march. */
+ * packet_rays.c - rays of a packet: the exit of the camera ray from the solid, and paths from lights to points of the march. */
 #include "methods/layered/state.h"
 
 #include <string.h>
