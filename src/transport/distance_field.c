@@ -49,7 +49,7 @@ static inline size_t row_at(const struct pell_distance_grid *g, int y, int z)
 /* A triangle relative to its first corner, prepared for many points. */
 struct facet {
     float p[3], e[3], f[3], g[3], n[3];
-    float ee, ef, ff, det, inv_e, inv_f, inv_g, inv_n;
+    float ee, ef, ff, det, inv_e, inv_f, inv_g;
 };
 
 static double dot3(const double a[3], const double b[3])
@@ -96,7 +96,8 @@ static inline float unit_clamp(float x)
     return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
 }
 
-/* Lowers squared distances of a row of cubes to those of the triangle. Where the projection is misjudged, the sides are near. */
+/* Lowers squared distances of a row of cubes to those of the triangle. Where rounding misjudges whether the projection is inside, a side is
+ * as near. */
 static void lower_row(const struct facet *restrict t, const float *restrict x, int count, float y, float z, float *restrict near2)
 {
     const float dy = y - t->p[1], dz = z - t->p[2];
@@ -118,7 +119,7 @@ static void lower_row(const struct facet *restrict t, const float *restrict x, i
     }
 }
 
-/* The corner at its origin. */
+/* The longest side, by the corner where it starts. */
 static int longest_side(const float corner[3][3])
 {
     float longest = -1.0f;
@@ -422,9 +423,9 @@ enum pell_result pell_distance_create(struct pell_context *ctx, struct pell_pool
     if (!d->grids)
         goto fail;
     for (size_t i = 0; i < solids->count; i++) {
-        const double fraction = (double) (bytes / sizeof(*d->grids->steps)) / (double) solids->count;
+        const double most = (double) (bytes / sizeof(*d->grids->steps)) / (double) solids->count;
         bounds_of(scene, &solids->solids[i], &d->grids[i]);
-        if (fraction >= 1.0 && cut(&d->grids[i], fmin(fraction, MAX_CUBES)))
+        if (most >= 1.0 && cut(&d->grids[i], fmin(most, MAX_CUBES)))
             PELL_TRY(fill_grid(ctx, pool, scene, &d->grids[i]));
     }
     *out = d;
@@ -456,10 +457,10 @@ const struct pell_distance_grid *pell_distance_grid(const struct pell_distance *
 float pell_distance_bound(const struct pell_distance *distance, int solid, struct pell_vec3 x)
 {
     const struct pell_distance_grid *g = pell_distance_grid(distance, solid);
-    float away2;
+    float offset2;
     int32_t at;
 
-    if (!g || !pell_distance_cube(g, x.x, x.y, x.z, &at, &away2))
+    if (!g || !pell_distance_cube(g, x.x, x.y, x.z, &at, &offset2))
         return 0.0f;
-    return pell_distance_within(g, g->steps[at], away2);
+    return pell_distance_within(g, g->steps[at], offset2);
 }

@@ -47,21 +47,22 @@ static inline float pell_distance_off(const struct pell_distance_grid *g, int ax
 }
 
 /* The cube that contains a point, and the squared distance from its centre. False, and the first cube: outside. */
-static inline bool pell_distance_cube(const struct pell_distance_grid *g, float x, float y, float z, int32_t *cube, float *away2)
+static inline bool pell_distance_cube(const struct pell_distance_grid *g, float x, float y, float z, int32_t *cube, float *offset2)
 {
     const bool inside = (x >= g->low[0]) & (x <= g->high[0]) & (y >= g->low[1]) & (y <= g->high[1]) & (z >= g->low[2]) & (z <= g->high[2]);
     int at[3];
     const float a = pell_distance_off(g, 0, inside ? x : g->low[0], &at[0]), b = pell_distance_off(g, 1, inside ? y : g->low[1], &at[1]);
     const float c = pell_distance_off(g, 2, inside ? z : g->low[2], &at[2]);
 
-    *away2 = a * a + b * b + c * c;
+    *offset2 = a * a + b * b + c * c;
     *cube = (at[2] * g->size[1] + at[1]) * g->size[0] + at[0];
     return inside;
 }
 
-static inline float pell_distance_within(const struct pell_distance_grid *g, uint16_t steps, float away2)
+static inline float pell_distance_within(const struct pell_distance_grid *g, uint16_t steps, float offset2)
 {
-    const float known = (float) steps * g->unit, away = sqrtf(away2), bound = known - (away + 5e-7f * (known + away)); /* rounding errors */
+    const float known = (float) steps * g->unit, offset = sqrtf(offset2),
+                bound = known - (offset + 5e-7f * (known + offset)); /* rounding errors */
 
     return bound > 0.0f ? bound : 0.0f;
 }

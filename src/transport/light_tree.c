@@ -11,14 +11,9 @@
 
 enum { LEAF = 8, LEVELS = 21 };
 
-struct key {
-    uint64_t code;
-    uint32_t sample;
-};
-
 struct builder {
     struct pell_light_tree *tree;
-    const struct key *keys;
+    const uint64_t *codes; /* of the sorted samples */
     size_t capacity;
 };
 
@@ -31,6 +26,7 @@ void pell_light_tree_finish(struct pell_light_tree *tree)
     memset(tree, 0, sizeof(*tree));
 }
 
+/* Inserts two zero bits after each bit, for Morton codes. */
 static uint64_t spread(uint64_t x)
 {
     x &= 0x1fffff;
@@ -46,7 +42,7 @@ static uint64_t code_at(const void *items, size_t index)
     return ((const uint64_t *) items)[index];
 }
 
-/* Adds a leaf's samples, or a child's sums; centres are weighted by light and divided at the end. */
+/* Sums over the samples of a subtree; all but power, area and `middle`, the sum of positions, are weighted by light. */
 struct sums {
     double centre[3], middle[3], power[3], normal[3], direction[3], curvature, light, area;
 };
@@ -92,11 +88,11 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
             add_sample(&t->samples[i], &sum, &n);
     } else {
         for (size_t i = first; i < end;) {
-            const uint64_t digit = b->keys[i].code >> 3 * level;
+            const uint64_t digit = b->codes[i] >> 3 * level;
             struct sums child;
             const struct pell_light_node *c;
             size_t j = i + 1;
-            while (j < end && b->keys[j].code >> 3 * level == digit)
+            while (j < end && b->codes[j] >> 3 * level == digit)
                 j++;
             const size_t child_index = t->num_nodes;
             PELL_TRY(build(b, i, j, level - 1, &child));
@@ -138,8 +134,7 @@ enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_surf
 {
     struct builder b = { .tree = tree };
     struct pell_surface_sample *sorted = NULL;
-    struct key *keys = NULL;
-    uint64_t *codes = NULL;
+    uint64_t *codes = NULL, *sorted_codes = NULL;
     uint32_t *order = NULL;
     struct sums sums;
     float low[3] = { INFINITY, INFINITY, INFINITY }, size = 0.0f;
@@ -150,10 +145,10 @@ enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_surf
     tree->num_samples = num_samples;
     if (num_samples == 0)
         return PELL_OK;
-    keys = pell_alloc_array(ctx, num_samples, sizeof(*keys));
     sorted = pell_alloc_array(ctx, num_samples, sizeof(*sorted));
     codes = pell_alloc_array(ctx, num_samples, sizeof(*codes));
-    if (!keys || !sorted || !codes)
+    sorted_codes = pell_alloc_array(ctx, num_samples, sizeof(*sorted_codes));
+    if (!sorted || !codes || !sorted_codes)
         goto fail;
     for (size_t i = 0; i < num_samples; i++)
         for (int k = 0; k < 3; k++)
@@ -170,19 +165,19 @@ enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_surf
     }
     PELL_TRY(pell_order_by_code(ctx, num_samples, code_at, codes, &order));
     for (size_t i = 0; i < num_samples; i++) {
-        keys[i] = (struct key) { codes[order[i]], order[i] };
+        sorted_codes[i] = codes[order[i]];
         sorted[i] = samples[order[i]];
     }
     pell_free(ctx, tree->samples);
     tree->samples = sorted;
     sorted = NULL;
-    b.keys = keys;
+    b.codes = sorted_codes;
     PELL_TRY(build(&b, 0, num_samples, LEVELS - 1, &sums));
 
 fail:
-    pell_free(ctx, keys);
     pell_free(ctx, sorted);
     pell_free(ctx, codes);
+    pell_free(ctx, sorted_codes);
     pell_free(ctx, order);
     return res;
 }

@@ -35,25 +35,25 @@ static inline void pell_batches_add(struct pell_batches *s, const double batch[3
 }
 
 /* The channels' means and their standard errors. */
-static inline void pell_batches_measure(const struct pell_batches *s, double mean[3], double spread[3])
+static inline void pell_batches_measure(const struct pell_batches *s, double mean[3], double standard_error[3])
 {
     const double n = (double) s->count;
 
     for (int c = 0; c < 3; c++) {
         mean[c] = n > 0.0 ? s->sum[c] / n : 0.0;
-        spread[c] = n > 1.0 ? sqrt(fmax(s->square[c] / n - mean[c] * mean[c], 0.0) / (n - 1.0)) : 0.0;
+        standard_error[c] = n > 1.0 ? sqrt(fmax(s->square[c] / n - mean[c] * mean[c], 0.0) / (n - 1.0)) : 0.0;
     }
 }
 
 /* Number of batches for the target relative error, estimated from a pilot: at least `least`, and `dark` if the pilot found no light. */
 static inline double pell_batches_needed(const struct pell_batches *pilot, double error, double least, double dark)
 {
-    double mean[3], spread[3], largest, n = least;
+    double mean[3], standard_error[3], largest, n = least;
 
-    pell_batches_measure(pilot, mean, spread);
+    pell_batches_measure(pilot, mean, standard_error);
     largest = fmax(mean[0], fmax(mean[1], mean[2]));
     for (int c = 0; largest > 0.0 && c < 3; c++) {
-        const double ratio = spread[c] / (error * fmax(mean[c], 1e-3 * largest));
+        const double ratio = standard_error[c] / (error * fmax(mean[c], 1e-3 * largest));
         n = fmax(n, (double) pilot->count * ratio * ratio);
     }
     return largest > 0.0 ? n : dark;

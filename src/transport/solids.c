@@ -281,7 +281,7 @@ void pell_solids_find(const struct pell_solids *solids, const struct pell_rays *
                       int count, int32_t out[16])
 {
     float position[3][16] = { { 0 } }, normal[3][16] = { { 0 } }, depth[16] = { 0 };
-    _Alignas(64) int open[16] = { 0 };
+    _Alignas(64) int unresolved[16] = { 0 };
     struct pell_ray_hit16 p;
     int any = count > 0 ? -1 : 0;
 
@@ -289,7 +289,7 @@ void pell_solids_find(const struct pell_solids *solids, const struct pell_rays *
     for (int i = 0; i < 16; i++)
         out[i] = -1;
     for (int i = 0; i < count; i++) {
-        open[i] = -1;
+        unresolved[i] = -1;
         depth[i] = in->depth[at[i]];
         for (int k = 0; k < 3; k++) {
             position[k][i] = in->position[k][at[i]];
@@ -310,20 +310,20 @@ void pell_solids_find(const struct pell_solids *solids, const struct pell_rays *
             p.ray.tfar[i] = 2.0f * e;
             p.ray.mask[i] = PELL_RAY_TRANSLUCENT;
         }
-        pell_rays_closest16(rays, open, true, &p);
+        pell_rays_closest16(rays, unresolved, true, &p);
         any = 0;
         for (int i = 0; i < 16; i++) {
-            if (open[i] && p.hit.mesh[i] < solids->num_meshes && solids->of_mesh[p.hit.mesh[i]] >= 0) {
+            if (unresolved[i] && p.hit.mesh[i] < solids->num_meshes && solids->of_mesh[p.hit.mesh[i]] >= 0) {
                 out[i] = solids->of_mesh[p.hit.mesh[i]];
-                open[i] = 0;
+                unresolved[i] = 0;
             }
-            any |= open[i];
+            any |= unresolved[i];
         }
     }
     for (int i = 0; any && i < 16; i++)
-        for (size_t k = 0; open[i] && k < solids->count; k++)
+        for (size_t k = 0; unresolved[i] && k < solids->count; k++)
             if (solids->solids[k].material == in->material[at[i]] - 1u) {
                 out[i] = (int32_t) k;
-                open[i] = 0;
+                unresolved[i] = 0;
             }
 }

@@ -68,7 +68,7 @@ void pell_tint_make(const struct pell_material *m, struct pell_tint *out)
             return; /* no solid has it: it was rejected */
         medium = &equivalent;
     }
-    out->is = true;
+    out->enabled = true;
     for (int c = 0; c < 3; c++) {
         const double rho = reflectance(m, medium, c);
         out->per_reflectance[c] = rho > 0.0 ? (float) (1.0 / rho) : 0.0f;
@@ -77,6 +77,6 @@ void pell_tint_make(const struct pell_material *m, struct pell_tint *out)
 
 void pell_tint_apply(const struct pell_tint *t, const float color[3], bool enters, float light[3])
 {
-    for (int c = 0; c < 3 && t->is; c++)
+    for (int c = 0; c < 3 && t->enabled; c++)
         light[c] *= enters ? pell_color_share(color[c], t->mix) : pell_color_share(color[c], 1.0f - t->mix) * t->per_reflectance[c];
 }

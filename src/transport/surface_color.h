@@ -21,7 +21,7 @@ void pell_base_color_at(const struct pell_material *m, const struct pell_mesh *m
 
 /* Tint of light that crosses a boundary. */
 struct pell_tint {
-    bool is; /* false: no tint */
+    bool enabled; /* false: no tint */
     float mix;
     float per_reflectance[3]; /* 1/rho */
 };

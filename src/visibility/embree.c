@@ -352,7 +352,7 @@ static struct RTCIntersectContext intersect_context(bool coherent)
     return context;
 }
 
-static void keep(struct pell_ray_record *record, const struct pell_ray *ray, bool occlusion)
+static void record_ray(struct pell_ray_record *record, const struct pell_ray *ray, bool occlusion)
 {
     const size_t at = atomic_fetch_add_explicit(&record->count, 1, memory_order_relaxed);
 
@@ -362,14 +362,14 @@ static void keep(struct pell_ray_record *record, const struct pell_ray *ray, boo
     record->occlusion[at] = occlusion;
 }
 
-static void keep16(struct pell_ray_record *record, const int *valid, const struct pell_ray16 *r)
+static void record_packet(struct pell_ray_record *record, const int *valid, const struct pell_ray16 *r)
 {
     for (int i = 0; i < PELL_PACKET; i++)
         if (valid[i]) {
             const struct pell_ray ray = {
                 { r->ox[i], r->oy[i], r->oz[i] }, r->tnear[i], { r->dx[i], r->dy[i], r->dz[i] }, r->tfar[i], r->mask[i]
             };
-            keep(record, &ray, false);
+            record_ray(record, &ray, false);
         }
 }
 
@@ -378,7 +378,7 @@ void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool co
     struct RTCIntersectContext context = intersect_context(coherent);
 
     if (rays->record)
-        keep16(rays->record, valid, &packet->ray);
+        record_packet(rays->record, valid, &packet->ray);
     memset(packet->hit.mesh, 0xff, sizeof(packet->hit.mesh));
     memset(packet->hit.instance, 0xff, sizeof(packet->hit.instance));
     rtcIntersect16(valid, rays->scene, &context, (struct RTCRayHit16 *) packet);
@@ -411,7 +411,7 @@ void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record)
     rays->record = record;
 }
 
-/* Length of the run of rays of the same kind, from the first one on. */
+/* Fills a packet with the rays of the same kind from the first one on; returns their number. */
 static int fill_packet(const struct pell_ray_record *record, size_t first, size_t count, int *valid, struct pell_ray_hit16 *p)
 {
     int n = 0;
@@ -481,7 +481,7 @@ bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray,
     struct RTCRayHit r = { .ray = single_ray(ray), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
 
     if (rays->record)
-        keep(rays->record, ray, false);
+        record_ray(rays->record, ray, false);
     rtcIntersect1(rays->scene, &context, &r);
     if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
         return false;
@@ -495,15 +495,15 @@ bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray
     struct RTCRay r = single_ray(ray);
 
     if (rays->record)
-        keep(rays->record, ray, true);
+        record_ray(rays->record, ray, true);
     rtcOccluded1(rays->scene, &context, &r);
     return r.tfar < 0.0f;
 }
 
 /* --- Closest point -------------------------------------------------------------------------------------------------------------- */
 
-#define MORE                                                                                                                               \
-    1.000001 /* the search radius exceeds the nearest distance slightly, so that the result does not depend on the traversal order */
+/* The search radius exceeds the nearest distance slightly, so that the result does not depend on the traversal order. */
+#define RADIUS_MARGIN 1.000001
 
 struct nearest_search {
     const struct pell_rays *rays;
@@ -531,9 +531,9 @@ static double segment(const double d[3], const double e[3], double *t)
     return dot3(off, off);
 }
 
-/* Squared distance from the corner p0 + d to the triangle of edges e, f from p0, and the barycentrics of the nearest point: the projection
+/* Squared distance from the point p0 + d to the triangle of edges e, f from p0, and the barycentrics of the nearest point: the projection
  * if it is inside, else on the nearest side. */
-static double to_triangle(const double d[3], const double e[3], const double f[3], double *u, double *v)
+static double distance2_to_triangle(const double d[3], const double e[3], const double f[3], double *u, double *v)
 {
     const double ee = dot3(e, e), ef = dot3(e, f), ff = dot3(f, f), de = dot3(d, e), df = dot3(d, f), det = ee * ff - ef * ef;
     const double pu = ff * de - ef * df, pv = ee * df - ef * de;
@@ -583,7 +583,7 @@ static bool try_triangle(struct RTCPointQueryFunctionArguments *args)
         e[k] = (double) m->position[3 * (size_t) index[1] + k] - a;
         f[k] = (double) m->position[3 * (size_t) index[2] + k] - a;
     }
-    d2 = to_triangle(d, e, f, &u, &v);
+    d2 = distance2_to_triangle(d, e, f, &u, &v);
     if (!(d2 <= s->best2) ||
         (d2 == s->best2 && s->mesh != PELL_NO_HIT && (args->geomID > s->mesh || (args->geomID == s->mesh && args->primID >= s->triangle))))
         return false;
@@ -592,7 +592,7 @@ static bool try_triangle(struct RTCPointQueryFunctionArguments *args)
     s->v = v;
     s->mesh = args->geomID;
     s->triangle = args->primID;
-    radius = sqrt(d2) * MORE;
+    radius = sqrt(d2) * RADIUS_MARGIN;
     if (!(radius < (double) args->query->radius))
         return false;
     args->query->radius = (float) radius;
@@ -610,7 +610,7 @@ bool pell_rays_closest_point(const struct pell_rays *rays, struct pell_vec3 x, f
         .best2 = (double) radius * (double) radius,
         .mesh = PELL_NO_HIT,
     };
-    struct RTCPointQuery query = { .x = x.x, .y = x.y, .z = x.z, .time = 0.0f, .radius = (float) ((double) radius * MORE) };
+    struct RTCPointQuery query = { .x = x.x, .y = x.y, .z = x.z, .time = 0.0f, .radius = (float) ((double) radius * RADIUS_MARGIN) };
     struct RTCPointQueryContext context;
     const struct pell_mesh *m;
     const uint32_t *index;

@@ -37,7 +37,7 @@ static struct pell_vec3 project(const struct pell_light_grid *f, const float *po
 }
 
 /* Counts triangles and finds their projected bounds. False: no light grid. */
-static bool frame(const struct pell_scene *scene, struct pell_light_grid *f, size_t *count, float border[4])
+static bool find_bounds(const struct pell_scene *scene, struct pell_light_grid *f, size_t *count, float border[4])
 {
     const struct pell_vec3 low = vec3_load(scene->bounds_min), high = vec3_load(scene->bounds_max);
     const struct pell_vec3 middle = vec3_sub(vec3_mul(vec3_add(low, high), 0.5f), f->apex);
@@ -154,7 +154,7 @@ static int by_depth(const void *a, const void *b)
 
     if (p->depth != q->depth)
         return p->depth < q->depth ? -1 : 1;
-    return (int) (p->triangle & PELL_LIGHT_GRID_NUMBER) - (int) (q->triangle & PELL_LIGHT_GRID_NUMBER);
+    return (int) (p->triangle & PELL_LIGHT_GRID_INDEX) - (int) (q->triangle & PELL_LIGHT_GRID_INDEX);
 }
 
 static void sort(struct pell_light_grid_entry *list, uint32_t count)
@@ -184,7 +184,7 @@ static bool count_entries(const struct pell_scene *scene, struct pell_light_grid
         const struct pell_mesh *m = &scene->meshes[i];
         for (size_t t = 0; is_shadow_caster(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
-            f->thick = s.end - s.depth > f->thick ? s.end - s.depth : f->thick;
+            f->max_thickness = s.end - s.depth > f->max_thickness ? s.end - s.depth : f->max_thickness;
             sum += (size_t) (s.x1 - s.x0 + 1) * (size_t) (s.y1 - s.y0 + 1);
             if (sum > most)
                 return false;
@@ -239,8 +239,8 @@ static void fill(const struct pell_scene *scene, struct pell_light_grid *f, uint
         for (size_t t = 0; is_shadow_caster(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             const uint32_t number = starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
-            f->names[number] = (struct pell_light_grid_name) { (uint32_t) i, (uint32_t) t, 1.0f };
-            if (!make_triangle(f, m, t, &f->triangles[number], &f->names[number].turn))
+            f->sources[number] = (struct pell_light_grid_source) { (uint32_t) i, (uint32_t) t, 1.0f };
+            if (!make_triangle(f, m, t, &f->triangles[number], &f->sources[number].orientation))
                 memset(&f->triangles[number], 0, sizeof(f->triangles[number])); /* occludes nothing: s is 0 */
             for (int y = s.y0; y <= s.y1; y++)
                 for (int x = s.x0; x <= s.x1; x++) {
@@ -272,11 +272,11 @@ enum pell_result pell_light_grid_create(struct pell_context *ctx, const struct p
     f->ctx = ctx;
     f->kernels = pell_light_grid_kernels_tables[pell_simd_best()];
     f->apex = apex;
-    if (!frame(scene, f, &triangles, border))
+    if (!find_bounds(scene, f, &triangles, border))
         goto none;
     choose_cells(f, triangles, border);
     cells = (size_t) f->columns * (size_t) f->rows;
-    fixed = triangles * (sizeof(*f->triangles) + sizeof(*f->names)) + cells * sizeof(*starts);
+    fixed = triangles * (sizeof(*f->triangles) + sizeof(*f->sources)) + cells * sizeof(*starts);
     if (!room_for(ctx, fixed + cells * sizeof(*f->first)))
         goto none;
     f->first = pell_calloc(ctx, cells + 1, sizeof(*f->first));
@@ -286,9 +286,9 @@ enum pell_result pell_light_grid_create(struct pell_context *ctx, const struct p
         goto none;
     f->entries = pell_calloc(ctx, (size_t) f->first[cells], sizeof(*f->entries));
     f->triangles = pell_alloc_array(ctx, triangles, sizeof(*f->triangles));
-    f->names = pell_alloc_array(ctx, triangles, sizeof(*f->names));
+    f->sources = pell_alloc_array(ctx, triangles, sizeof(*f->sources));
     starts = pell_calloc(ctx, cells, sizeof(*starts));
-    if (!f->entries || !f->triangles || !f->names || !starts)
+    if (!f->entries || !f->triangles || !f->sources || !starts)
         goto fail;
     find_starts(scene, f, starts);
     fill(scene, f, starts);
@@ -311,7 +311,7 @@ void pell_light_grid_destroy(struct pell_light_grid **grid)
     if (!f)
         return;
     *grid = NULL;
-    pell_free(f->ctx, f->names);
+    pell_free(f->ctx, f->sources);
     pell_free(f->ctx, f->triangles);
     pell_free(f->ctx, f->entries);
     pell_free(f->ctx, f->first);

@@ -41,7 +41,7 @@ bool pell_light_grid_closest16(const struct pell_light_grid *grid, const int32_t
 /* Of an entry's triangle: flag bits above its index. A packet that covers several cells tests a triangle only in the first of them. */
 #define PELL_LIGHT_GRID_LEFT (1u << 30) /* its bounds begin in this column */
 #define PELL_LIGHT_GRID_LOW (1u << 31)  /* its bounds begin in this row */
-#define PELL_LIGHT_GRID_NUMBER (PELL_LIGHT_GRID_LEFT - 1)
+#define PELL_LIGHT_GRID_INDEX (PELL_LIGHT_GRID_LEFT - 1)
 
 /* A triangle a, b, c relative to the apex, oriented so that the normal points away from it. */
 struct pell_light_grid_triangle {
@@ -51,9 +51,9 @@ struct pell_light_grid_triangle {
     float plane;                   /* normal . (a - apex), > 0 */
 };
 
-struct pell_light_grid_name {
+struct pell_light_grid_source {
     uint32_t mesh, triangle;
-    float turn; /* -1: its orientation was flipped */
+    float orientation; /* -1: its orientation was flipped */
 };
 
 struct pell_light_grid_entry {
@@ -71,14 +71,14 @@ struct pell_light_grid {
     struct pell_context *ctx;
     const struct pell_light_grid_kernels *kernels;
     struct pell_vec3 apex, forward, right, up;
-    float thick;                   /* mm along the axis, maximum over triangles */
+    float max_thickness;           /* mm along the axis, maximum over triangles */
     float left, low, inv_x, inv_y; /* column = (x/z - left) inv_x */
     float margin_x, margin_y;      /* cells, around a triangle */
     int columns, rows;
     uint32_t *first;                       /* index of each cell's first entry, and the end of the last one */
     struct pell_light_grid_entry *entries; /* nearest first */
     struct pell_light_grid_triangle *triangles;
-    struct pell_light_grid_name *names; /* indices of the triangles */
+    struct pell_light_grid_source *sources; /* by triangle: its place in the scene */
 };
 
 #endif

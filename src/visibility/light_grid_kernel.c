@@ -115,7 +115,7 @@ INLINE int find_next(const struct pell_light_grid *f, const struct packet_points
                     s->next = e;
                     return count;
                 }
-                list[count] = triangle & PELL_LIGHT_GRID_NUMBER;
+                list[count] = triangle & PELL_LIGHT_GRID_INDEX;
                 __builtin_prefetch(&f->triangles[list[count]]);
                 count += (triangle & wanted) == wanted && f->entries[e].depth >= begin;
             }
@@ -178,7 +178,8 @@ static bool closest16(const struct pell_light_grid *f, const int32_t *mask, stru
         which[i] = -1;
         longest = mask[i] && reach > longest ? reach : longest;
     }
-    begin = p.near * (1.0f - longest) * (1.0f - 1e-5f) - f->thick; /* a triangle that begins before this depth ends before the rays do */
+    begin = p.near * (1.0f - longest) * (1.0f - 1e-5f) -
+            f->max_thickness; /* a triangle that begins before this depth ends before the rays do */
     search = (struct search) { p.x0, p.y0, 0 };
     do {
         count = find_next(f, &p, begin, &search, list);
@@ -198,14 +199,14 @@ static bool closest16(const struct pell_light_grid *f, const int32_t *mask, stru
     } while (count == LISTED);
     for (int i = 0; i < LANES; i++) {
         const struct pell_light_grid_triangle *t;
-        const struct pell_light_grid_name *name;
+        const struct pell_light_grid_source *source;
         float side[3], sum;
 
         hit->mesh[i] = hit->instance[i] = PELL_NO_HIT;
         if (which[i] < 0)
             continue;
         t = &f->triangles[which[i]];
-        name = &f->names[which[i]];
+        source = &f->sources[which[i]];
         for (int k = 0; k < 3; k++)
             side[k] = p.d[0][i] * t->edge[k][0] + p.d[1][i] * t->edge[k][1] + p.d[2][i] * t->edge[k][2];
         sum = side[0] + side[1] + side[2];
@@ -213,11 +214,11 @@ static bool closest16(const struct pell_light_grid *f, const int32_t *mask, stru
         ray->tfar[i] = best[i] / (1.0f + best[i]);
         hit->u[i] = side[2] * sum;
         hit->v[i] = side[0] * sum;
-        hit->ngx[i] = t->normal[0] * name->turn;
-        hit->ngy[i] = t->normal[1] * name->turn;
-        hit->ngz[i] = t->normal[2] * name->turn;
-        hit->mesh[i] = name->mesh;
-        hit->triangle[i] = name->triangle;
+        hit->ngx[i] = t->normal[0] * source->orientation;
+        hit->ngy[i] = t->normal[1] * source->orientation;
+        hit->ngz[i] = t->normal[2] * source->orientation;
+        hit->mesh[i] = source->mesh;
+        hit->triangle[i] = source->triangle;
     }
     return true;
 }

@@ -185,7 +185,7 @@ static void count_task(void *arg, int chunk, int worker)
 
     memset(counts, 0, 2 * (size_t) r->columns * (size_t) r->rows * sizeof(*counts));
     if (!r->kernels->spans(r, chunk_begin(r, chunk), chunk_begin(r, chunk + 1), r->spans)) {
-        atomic_store_explicit(&r->fails, true, memory_order_relaxed);
+        atomic_store_explicit(&r->failed, true, memory_order_relaxed);
         return;
     }
     for (size_t t = chunk_begin(r, chunk), room = r->capacity; t < chunk_begin(r, chunk + 1); t++) {
@@ -194,7 +194,7 @@ static void count_task(void *arg, int chunk, int worker)
         const size_t touched = s.x0 <= s.x1 ? (size_t) (s.x1 - s.x0 + 1) * (s.y1 - y0 + 1) : 0;
 
         if (touched > room) {
-            atomic_store_explicit(&r->fails, true, memory_order_relaxed);
+            atomic_store_explicit(&r->failed, true, memory_order_relaxed);
             return;
         }
         room -= touched;
@@ -256,14 +256,14 @@ bool pell_raster_draw(struct pell_raster *r, struct pell_pool *pool, const struc
     if ((double) r->num_triangles > PER_PIXEL * (double) pixels)
         return false;
     r->view = *view;
-    atomic_store(&r->fails, false);
+    atomic_store(&r->failed, false);
     for (int x = 0; x < r->columns * PELL_RASTER_TILE; x++)
         r->slope_x[x] = ((float) x + view->left) * inverse;
     for (int y = 0; y < r->rows * PELL_RASTER_TILE; y++)
         r->slope_y[y] = (view->top - (float) y) * inverse;
     pell_pool_run(pool, (int) ((r->num_vertices + VERTICES - 1) / VERTICES), vertex_task, r);
     pell_pool_run(pool, PELL_RASTER_CHUNKS, count_task, r);
-    if (pell_cancelled(r->ctx) || atomic_load(&r->fails) || !place_lists(r))
+    if (pell_cancelled(r->ctx) || atomic_load(&r->failed) || !place_lists(r))
         return false;
     pell_pool_run(pool, PELL_RASTER_CHUNKS, list_task, r);
     return !pell_cancelled(r->ctx);

@@ -109,7 +109,7 @@ struct pell_raster {
     uint32_t *first;                /* [2 tile + back], and the end of the last: start of a list in `entries` */
     uint32_t *entries;
     size_t capacity;
-    atomic_bool fails;
+    atomic_bool failed;
 };
 
 #endif

@@ -32,7 +32,7 @@ static bool same(const struct pt_film *a, const struct pt_film *b)
         return false;
     for (size_t t = 0; t < a->tiles; t++)
         if (a->starts[t] != b->starts[t] || a->num_spans[t] != b->num_spans[t] ||
-            memcmp(a->spans + t * a->most_spans, b->spans + t * b->most_spans, a->num_spans[t] * sizeof(*a->spans)) != 0)
+            memcmp(a->spans + t * a->span_capacity, b->spans + t * b->span_capacity, a->num_spans[t] * sizeof(*a->spans)) != 0)
             return false;
     for (size_t i = 0; i < a->count; i++)
         if (memcmp(a->pixels[i].sum, b->pixels[i].sum, sizeof(a->pixels[i].sum)) != 0 || a->pixels[i].count != b->pixels[i].count ||
@@ -219,7 +219,7 @@ static void spans_are_what_was_covered(void **state)
         }
         assert_int_equal(film.num_spans[0], 0);
         for (uint32_t i = 0; i < film.num_spans[1]; i++) {
-            const struct pt_span *span = &film.spans[film.most_spans + i];
+            const struct pt_span *span = &film.spans[film.span_capacity + i];
             assert_true(span->first < span->end && (i == 0 || span[-1].end < span->first));
             for (uint32_t n = span->first; n < span->end; n++)
                 assert_true(listed[n]);

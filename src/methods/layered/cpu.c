@@ -307,7 +307,7 @@ static void run_packet(const struct layered_state *st, int material, const int32
     int pending = 0;
 
     read_packet(st, m, at, count, p, mesh, triangle);
-    if (m->tint.is)
+    if (m->tint.enabled)
         set_tints(scene, &scene->materials[material], m, p, mesh, triangle, exit_tint);
     st->kernels->start(&st->work, m, p);
     layered_find_exits(st, m, mesh, w);
@@ -330,7 +330,7 @@ static void run_packet(const struct layered_state *st, int material, const int32
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < count; i++) {
             const bool separate = st->out->single[0] != NULL;
-            const float light = (1.0f - st->knobs.diffuse) * p->light[c][i] * (m->tint.is ? exit_tint[c][i] : 1.0f);
+            const float light = (1.0f - st->knobs.diffuse) * p->light[c][i] * (m->tint.enabled ? exit_tint[c][i] : 1.0f);
             st->out->light[c][at[i]] = separate ? 0.0f : light;
             if (separate)
                 st->out->single[c][at[i]] = light;

@@ -295,7 +295,7 @@ enum pell_result layered_medium_color(struct pell_context *ctx, const struct pel
     struct layered_pack *p = &m->pack[m->packs];
 
     pell_tint_make(material, &m->tint);
-    if (!m->tint.is || !(m->tint.mix > 0.0f) || !material->base_color_map.texture)
+    if (!m->tint.enabled || !(m->tint.mix > 0.0f) || !material->base_color_map.texture)
         return PELL_OK;
     m->colors = 1;
     *p = (struct layered_pack) { .map = &material->base_color_map, .layer = { -1, -1, -1, -1 }, .count = 3 };

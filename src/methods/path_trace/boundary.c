@@ -32,7 +32,8 @@ static float masking(float alpha, float z)
     return 2.0f * z / (z + sqrtf(alpha * alpha * (1.0f - z2) + z2));
 }
 
-static float facets(float alpha, float z)
+/* Distribution of normals, per sr; z: the cosine of the normal. */
+static float ggx_distribution(float alpha, float z)
 {
     const float a2 = alpha * alpha, d = (a2 - 1.0f) * z * z + 1.0f;
 
@@ -40,7 +41,7 @@ static float facets(float alpha, float z)
 }
 
 /* Samples a visible normal as seen from o. */
-static struct pell_vec3 seen_facet(float alpha, struct pell_vec3 o, float u, float v)
+static struct pell_vec3 sample_visible_normal(float alpha, struct pell_vec3 o, float u, float v)
 {
     const struct pell_vec3 h = vec3_normalize(vec3(alpha * o.x, alpha * o.y, o.z));
     const float length = h.x * h.x + h.y * h.y, r = sqrtf(u), phi = 2.0f * PELL_PI_F * v;
@@ -64,7 +65,8 @@ static struct pell_vec3 refract(struct pell_vec3 o, struct pell_vec3 m, float et
     return vec3_mad(vec3_mul(o, -1.0f / eta), c / eta - cos_t, m);
 }
 
-static float relative(const struct pt_rough *r, int side)
+/* Index on the other side over that on this side. */
+static float relative_eta(const struct pt_rough *r, int side)
 {
     return side == 0 ? r->eta : 1.0f / r->eta;
 }
@@ -74,13 +76,14 @@ static float relative(const struct pt_rough *r, int side)
 /* Albedo of single bounces for light from mu. */
 static float single_albedo(const struct pt_rough *r, int side, float mu)
 {
-    const float eta = relative(r, side);
+    const float eta = relative_eta(r, side);
     const struct pell_vec3 o = vec3(sqrtf(1.0f - mu * mu), 0.0f, mu);
     double sum = 0.0;
 
     for (int i = 0; i < ROUGH_SAMPLES; i++)
         for (int k = 0; k < ROUGH_SAMPLES; k++) {
-            const struct pell_vec3 m = seen_facet(r->alpha, o, ((float) i + 0.5f) / ROUGH_SAMPLES, ((float) k + 0.5f) / ROUGH_SAMPLES);
+            const struct pell_vec3 m =
+                sample_visible_normal(r->alpha, o, ((float) i + 0.5f) / ROUGH_SAMPLES, ((float) k + 0.5f) / ROUGH_SAMPLES);
             const float c = vec3_dot(o, m);
             struct pell_vec3 a, b;
             float cos_t, f;
@@ -109,19 +112,19 @@ void pt_rough_make(float alpha, float eta, struct pt_rough *out)
         for (int i = 0; i < PT_ROUGH_CELLS; i++) {
             const double loss = fmax(1.0 - 0.5 * (double) (out->albedo[side][i] + out->albedo[side][i + 1]), 1e-6);
             const double width = (2.0 * i + 1.0) / (PT_ROUGH_CELLS * PT_ROUGH_CELLS); /* in mu^2 */
-            out->lost[side][i] = (float) loss;
+            out->lobe[side][i] = (float) loss;
             mean[side] += loss * width;
         }
         for (int i = 0; i < PT_ROUGH_CELLS; i++) {
-            sum += (double) out->lost[side][i] / mean[side] * (2.0 * i + 1.0) / (PT_ROUGH_CELLS * PT_ROUGH_CELLS);
-            out->lost[side][i] = (float) ((double) out->lost[side][i] / mean[side]);
-            out->lost_sum[side][i] = (float) sum;
+            sum += (double) out->lobe[side][i] / mean[side] * (2.0 * i + 1.0) / (PT_ROUGH_CELLS * PT_ROUGH_CELLS);
+            out->lobe[side][i] = (float) ((double) out->lobe[side][i] / mean[side]);
+            out->lobe_cumulative[side][i] = (float) sum;
         }
-        out->lost_sum[side][PT_ROUGH_CELLS - 1] = 1.0f;
+        out->lobe_cumulative[side][PT_ROUGH_CELLS - 1] = 1.0f;
     }
     both = mean[0] + mean[1] * (double) eta * (double) eta;
-    out->lost_in_transmission[0] = (float) (mean[1] * (double) eta * (double) eta / both);
-    out->lost_in_transmission[1] = (float) (mean[0] / both);
+    out->lobe_transmission[0] = (float) (mean[1] * (double) eta * (double) eta / both);
+    out->lobe_transmission[1] = (float) (mean[0] / both);
 }
 
 static float albedo_at(const struct pt_rough *r, int side, float mu)
@@ -136,9 +139,9 @@ static float albedo_at(const struct pt_rough *r, int side, float mu)
 /* --- Sampling ------------------------------------------------------------------------------------------------------------------------- */
 
 /* A direction of the compensation lobe, on the side `side`; z > 0. */
-static struct pell_vec3 lost_direction(const struct pt_rough *r, int side, float u, float v)
+static struct pell_vec3 sample_lobe(const struct pt_rough *r, int side, float u, float v)
 {
-    const float *sum = r->lost_sum[side];
+    const float *sum = r->lobe_cumulative[side];
     float before, width, mu2, sine;
     int i = 0;
 
@@ -159,7 +162,7 @@ static struct pell_vec3 to_local(struct pell_vec3 w, struct pell_vec3 t, struct 
 
 struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_shading_frame *at, struct pt_sampler *s, bool *transmitted)
 {
-    const float eta = relative(r, at->side);
+    const float eta = relative_eta(r, at->side);
     struct pell_vec3 t, b, o, m, w;
     float c, f, cos_t, u, v;
     bool kept;
@@ -168,7 +171,7 @@ struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_shadi
     o = to_local(at->o, t, b, at->ns);
     u = pt_random(s);
     v = pt_random(s);
-    m = seen_facet(r->alpha, o, u, v);
+    m = sample_visible_normal(r->alpha, o, u, v);
     c = vec3_dot(o, m);
     f = pt_fresnel(eta, c, &cos_t);
     u = pt_random(s);
@@ -178,12 +181,12 @@ struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_shadi
     w.z = *transmitted ? -w.z : w.z; /* z > 0 from here on */
     kept = c > 0.0f && w.z > 1e-7f && v < masking(r->alpha, w.z);
     if (!kept) {
-        const float fraction = r->lost_in_transmission[at->side];
+        const float fraction = r->lobe_transmission[at->side];
         u = pt_random(s);
         v = pt_random(s);
         *transmitted = u < fraction;
         u = *transmitted ? u / fraction : (u - fraction) / (1.0f - fraction);
-        w = lost_direction(r, *transmitted ? 1 - at->side : at->side, fminf(u, 0.99999994f), v);
+        w = sample_lobe(r, *transmitted ? 1 - at->side : at->side, fminf(u, 0.99999994f), v);
     }
     w.z = *transmitted ? -w.z : w.z;
     w = vec3_normalize(vec3_add(vec3_add(vec3_mul(t, w.x), vec3_mul(b, w.y)), vec3_mul(at->ns, w.z)));
@@ -193,7 +196,7 @@ struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_shadi
 /* The same for the shading normal only; local directions. */
 static float density(const struct pt_rough *r, int side, struct pell_vec3 o, struct pell_vec3 w, bool transmitted)
 {
-    const float eta = relative(r, side), up = transmitted ? -w.z : w.z;
+    const float eta = relative_eta(r, side), up = transmitted ? -w.z : w.z;
     struct pell_vec3 h;
     float single = 0.0f, c, cw, f, cos_t, mu, rest, fraction;
     int cell;
@@ -206,7 +209,7 @@ static float density(const struct pt_rough *r, int side, struct pell_vec3 o, str
     cw = vec3_dot(w, h);
     if (c > 0.0f && (cw < 0.0f) == transmitted && h.z > 0.0f) {
         f = pt_fresnel(eta, c, &cos_t);
-        single = masking(r->alpha, o.z) * facets(r->alpha, h.z) / o.z * masking(r->alpha, up);
+        single = masking(r->alpha, o.z) * ggx_distribution(r->alpha, h.z) / o.z * masking(r->alpha, up);
         if (transmitted) {
             const float d = c + eta * cw;
             single *= d * d > 0.0f ? (1.0f - f) * c * eta * eta * -cw / (d * d) : 0.0f;
@@ -218,8 +221,8 @@ static float density(const struct pt_rough *r, int side, struct pell_vec3 o, str
     cell = (int) (mu * PT_ROUGH_CELLS);
     cell = cell < PT_ROUGH_CELLS - 1 ? cell : PT_ROUGH_CELLS - 1;
     rest = 1.0f - albedo_at(r, side, o.z);
-    fraction = transmitted ? r->lost_in_transmission[side] : 1.0f - r->lost_in_transmission[side];
-    return single + rest * fraction * r->lost[transmitted ? 1 - side : side][cell] * mu / PELL_PI_F;
+    fraction = transmitted ? r->lobe_transmission[side] : 1.0f - r->lobe_transmission[side];
+    return single + rest * fraction * r->lobe[transmitted ? 1 - side : side][cell] * mu / PELL_PI_F;
 }
 
 float pt_rough_density(const struct pt_rough *r, const struct pt_shading_frame *at, struct pell_vec3 w)
@@ -244,8 +247,7 @@ bool pt_smooth(const struct pt_shading_frame *at, float eta, float u, struct pel
 
     *fresnel = pt_fresnel(eta, c, &cos_t);
     transmitted = u >= *fresnel;
-    to = transmitted ? vec3_mad(vec3_mul(at->o, -1.0f / eta), c / eta - cos_t, at->ns) : vec3_sub(vec3_mul(at->ns, 2.0f * c), at->o);
-    to = vec3_normalize(to);
+    to = vec3_normalize(transmitted ? refract(at->o, at->ns, eta, c, cos_t) : reflect(at->o, at->ns, c));
     *w = pt_to_side(to, at->ng, !transmitted);
     *wrong = (vec3_dot(to, at->ng) > 0.0f) == transmitted;
     return transmitted;

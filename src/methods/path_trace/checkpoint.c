@@ -120,8 +120,8 @@ static uint8_t *put_film(uint8_t *to, const struct pt_checkpoint_key *key, const
         to = put(to, f->starts[t + 1] - f->starts[t], 1);
         to = put(to, f->num_spans[t], 2);
         for (uint32_t i = 0; i < f->num_spans[t]; i++) {
-            to = put(to, f->spans[t * f->most_spans + i].first, 4);
-            to = put(to, f->spans[t * f->most_spans + i].end, 4);
+            to = put(to, f->spans[t * f->span_capacity + i].first, 4);
+            to = put(to, f->spans[t * f->span_capacity + i].end, 4);
         }
     }
     for (size_t t = 0; t < f->tiles; t++)
@@ -161,7 +161,7 @@ enum pell_result pt_checkpoint_encode(struct pell_context *ctx, const struct pt_
 /* --- Reading ------------------------------------------------------------------------------------------------------------------------ */
 
 /* Rejects a file of other knobs and names the first that differs. */
-static enum pell_result check_knobs(const struct reader *r, const struct pt_checkpoint_key *is, const struct pt_checkpoint_key *key)
+static enum pell_result check_knobs(const struct reader *r, const struct pt_checkpoint_key *stored, const struct pt_checkpoint_key *key)
 {
     static const char *const names[PT_KEY_WORDS] = {
         "the knob normals",     "the knob boundary", "the knob acceleration",       "the knob events", "the knob bounces",
@@ -169,34 +169,34 @@ static enum pell_result check_knobs(const struct reader *r, const struct pt_chec
     };
 
     for (int i = 0; i < PT_KEY_WORDS; i++)
-        if (is->words[i] != key->words[i])
+        if (stored->words[i] != key->words[i])
             return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is of other settings or knobs: %s is %d there, and %d here",
-                              names[i], is->words[i], key->words[i]);
-    if (memcmp(&is->roulette, &key->roulette, sizeof(key->roulette)) != 0)
+                              names[i], stored->words[i], key->words[i]);
+    if (memcmp(&stored->roulette, &key->roulette, sizeof(key->roulette)) != 0)
         return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other,
-                          "is of other settings or knobs: the knob roulette is %g there, and %g here", (double) is->roulette,
+                          "is of other settings or knobs: the knob roulette is %g there, and %g here", (double) stored->roulette,
                           (double) key->roulette);
     return PELL_OK;
 }
 
 /* The key of a file, and the size of its note; before the call r is after the magic, after it at the note. */
-static void read_key(struct reader *r, struct pt_checkpoint_key *is, uint32_t *note)
+static void read_key(struct reader *r, struct pt_checkpoint_key *stored, uint32_t *note)
 {
     uint32_t bits;
 
-    memset(is, 0, sizeof(*is));
-    is->width = get32(r);
-    is->height = get32(r);
-    is->films = get32(r);
-    is->scene = get(r, 8);
-    is->seed = (int64_t) get(r, 8);
-    is->exponent = (int32_t) get32(r);
+    memset(stored, 0, sizeof(*stored));
+    stored->width = get32(r);
+    stored->height = get32(r);
+    stored->films = get32(r);
+    stored->scene = get(r, 8);
+    stored->seed = (int64_t) get(r, 8);
+    stored->exponent = (int32_t) get32(r);
     *note = get32(r);
     bits = get32(r);
-    memcpy(&is->roulette, &bits, sizeof(bits));
+    memcpy(&stored->roulette, &bits, sizeof(bits));
     for (int i = 0; i < PT_KEY_WORDS; i++)
-        is->words[i] = (int32_t) get32(r);
-    memcpy(is->version, r->at, NAME);
+        stored->words[i] = (int32_t) get32(r);
+    memcpy(stored->version, r->at, NAME);
     r->at += NAME;
 }
 
@@ -204,32 +204,32 @@ static void read_key(struct reader *r, struct pt_checkpoint_key *is, uint32_t *n
 static enum pell_result check_header(struct reader *r, const struct pt_checkpoint_key *key)
 {
     const uint32_t version = get32(r);
-    struct pt_checkpoint_key is;
+    struct pt_checkpoint_key stored;
     char name[NAME + 1] = "";
     uint32_t note;
 
     if (version != VERSION)
         return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is a checkpoint of version %u, this program writes version %d",
                           version, VERSION);
-    read_key(r, &is, &note);
-    if (memcmp(is.version, key->version, NAME) != 0) {
-        is.version[NAME - 1] = '\0';
+    read_key(r, &stored, &note);
+    if (memcmp(stored.version, key->version, NAME) != 0) {
+        stored.version[NAME - 1] = '\0';
         return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "was written by version %s of the program, not by %.31s",
-                          pell_printable(is.version, name, sizeof(name)), key->version);
+                          pell_printable(stored.version, name, sizeof(name)), key->version);
     }
-    if (is.width != key->width || is.height != key->height || is.films != key->films)
+    if (stored.width != key->width || stored.height != key->height || stored.films != key->films)
         return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other,
-                          "is of an image of %u x %u with msaa %u, not of %u x %u with msaa %u", is.width, is.height, is.films, key->width,
-                          key->height, key->films);
-    if (is.scene != key->scene)
+                          "is of an image of %u x %u with msaa %u, not of %u x %u with msaa %u", stored.width, stored.height, stored.films,
+                          key->width, key->height, key->films);
+    if (stored.scene != key->scene)
         return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is of another scene");
-    if (is.seed != key->seed)
-        return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is of another seed: %lld, not %lld", (long long) is.seed,
+    if (stored.seed != key->seed)
+        return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is of another seed: %lld, not %lld", (long long) stored.seed,
                           (long long) key->seed);
-    if (check_knobs(r, &is, key) != PELL_OK)
+    if (check_knobs(r, &stored, key) != PELL_OK)
         return PELL_ERR_INVALID;
-    if (is.exponent != key->exponent)
-        return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is of another scene: its unit is 2^%d, not 2^%d", is.exponent,
+    if (stored.exponent != key->exponent)
+        return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is of another scene: its unit is 2^%d, not 2^%d", stored.exponent,
                           key->exponent);
     if (note > NOTE || !has_bytes(r, note))
         return pell_error(r->ctx, PELL_ERR_FORMAT, r->path, hint_damaged, "has a note of %u bytes, is cut off or damaged", note);
@@ -265,7 +265,7 @@ static uint32_t read_spans(struct reader *r, struct pt_film *film, size_t tile, 
 
     film->num_spans[tile] = (uint16_t) count;
     for (uint32_t i = 0; i < count; i++) {
-        struct pt_span *span = &film->spans[tile * film->most_spans + i];
+        struct pt_span *span = &film->spans[tile * film->span_capacity + i];
         span->first = get32(r);
         span->end = get32(r);
         if (span->end <= span->first || span->end > 1u << 30 || (i > 0 && span->first <= last)) {
@@ -371,7 +371,7 @@ static enum pell_result check_hash(struct reader *r, const uint8_t *data, size_t
 enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size, char **note)
 {
     struct reader r = { ctx, path, NULL, NULL };
-    struct pt_checkpoint_key is;
+    struct pt_checkpoint_key stored;
     uint32_t version, bytes;
     enum pell_result res;
 
@@ -386,7 +386,7 @@ enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, 
                           VERSION);
     if ((res = check_hash(&r, data, size)) != PELL_OK)
         return res;
-    read_key(&r, &is, &bytes);
+    read_key(&r, &stored, &bytes);
     if (bytes > NOTE || !has_bytes(&r, bytes))
         return pell_error(ctx, PELL_ERR_FORMAT, path, hint_damaged, "has a note of %u bytes, is cut off or damaged", bytes);
     *note = pell_alloc(ctx, (size_t) bytes + 1);

@@ -18,9 +18,9 @@
 #include <stdio.h>
 
 enum {
-    TILES = 16,           /* tasks per thread in an image, unless tasks have the minimum size */
-    MIN_SAMPLES = 16,     /* samples per pixel before its error estimate is used */
-    DEFAULT_SAMPLES = 64, /* samples without a stopping criterion */
+    TASKS_PER_THREAD = 16, /* in a round, unless tasks have the maximum size */
+    MIN_SAMPLES = 16,      /* samples per pixel before its error estimate is used */
+    DEFAULT_SAMPLES = 64,  /* samples without a stopping criterion */
 };
 
 #define UNEVEN 2.0   /* ratio of the sample counts of two samples of the multisample that is reported */
@@ -47,13 +47,13 @@ static enum pell_result do_round(struct pt_run *run, const struct pt_goal *goal,
 {
     struct pt_state *st = run->st;
     const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
-    const size_t per_task = pixels / ((size_t) st->threads * TILES);
+    const size_t per_task = pixels / ((size_t) st->threads * TASKS_PER_THREAD);
     size_t tasks;
     const struct pell_checkpoint *checkpoint = st->services->checkpoint;
     enum pell_result res;
 
     PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
-    PELL_TRY(pt_list_tasks(run, per_task > PT_TASK ? PT_TASK : per_task + 1, &tasks));
+    PELL_TRY(pt_list_tasks(run, per_task > PT_TASK_PIXELS ? PT_TASK_PIXELS : per_task + 1, &tasks));
     for (run->first = 0; run->first < tasks;) {
         const size_t left = tasks - run->first, count = left < *batch ? left : *batch;
         const double start = pell_seconds();
@@ -87,11 +87,11 @@ static struct pt_goal make_goal(const struct pt_run *run)
     const struct pt_state *st = run->st;
     const struct pt_method_knobs *k = &st->knobs;
     const int samples = run->in->num_samples, left = samples - (int) run->index;
-    const bool open = k->error > 0.0f || k->time_limit > 0.0f;
+    const bool open_ended = k->error > 0.0f || k->time_limit > 0.0f;
     const int images = reference_images(k->trace.half), total = ((k->samples > 0 ? k->samples : DEFAULT_SAMPLES) + images - 1) / images;
     struct pt_goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
 
-    g.most = k->samples == 0 && open ? PT_MOST : (uint32_t) ((total + samples - 1) / samples);
+    g.most = k->samples == 0 && open_ended ? PT_MAX_SAMPLES : (uint32_t) ((total + samples - 1) / samples);
     if (st->services->checkpoint && st->services->checkpoint->end_sample > 0)
         g.most = (uint32_t) (st->services->checkpoint->end_sample / samples);
     g.least = MIN_SAMPLES / (uint32_t) images;
@@ -109,20 +109,20 @@ static enum pell_result save_film(struct pt_run *run)
     const struct pt_film *film = run->film;
     struct pt_film *saved = &st->saved;
 
-    if (film->count > saved->capacity || film->tiles != saved->tiles || film->most_spans != saved->most_spans) {
+    if (film->count > saved->capacity || film->tiles != saved->tiles || film->span_capacity != saved->span_capacity) {
         pt_film_free(st->ctx, saved);
         saved->pixels = pell_alloc_array(st->ctx, film->count, sizeof(*saved->pixels));
         saved->num_spans = pell_alloc_array(st->ctx, film->tiles, sizeof(*saved->num_spans));
-        saved->spans = pell_alloc_array(st->ctx, film->tiles * film->most_spans, sizeof(*saved->spans));
+        saved->spans = pell_alloc_array(st->ctx, film->tiles * film->span_capacity, sizeof(*saved->spans));
         if (!saved->pixels || !saved->num_spans || !saved->spans)
             return PELL_ERR_NOMEM;
         saved->capacity = film->count;
         saved->tiles = film->tiles;
-        saved->most_spans = film->most_spans;
+        saved->span_capacity = film->span_capacity;
     }
     memcpy(saved->pixels, film->pixels, film->count * sizeof(*saved->pixels));
     memcpy(saved->num_spans, film->num_spans, film->tiles * sizeof(*saved->num_spans));
-    memcpy(saved->spans, film->spans, film->tiles * film->most_spans * sizeof(*saved->spans));
+    memcpy(saved->spans, film->spans, film->tiles * film->span_capacity * sizeof(*saved->spans));
     return PELL_OK;
 }
 
@@ -133,7 +133,7 @@ static void restore_film(struct pt_run *run)
 
     memcpy(film->pixels, saved->pixels, film->count * sizeof(*saved->pixels));
     memcpy(film->num_spans, saved->num_spans, film->tiles * sizeof(*saved->num_spans));
-    memcpy(film->spans, saved->spans, film->tiles * film->most_spans * sizeof(*saved->spans));
+    memcpy(film->spans, saved->spans, film->tiles * film->span_capacity * sizeof(*saved->spans));
 }
 
 /* Runs rounds until the goal is reached. */
@@ -150,10 +150,10 @@ static enum pell_result run_film(struct pt_run *run)
     g.first = least;
     pt_show(run, pt_progress_of(&g, least));
     while (pixels > 0 && least < g.most) {
-        uint32_t step = least < PT_TOGETHER ? 1 : PT_TOGETHER - least % PT_TOGETHER;
+        uint32_t step = least < PT_ROUND_SAMPLES ? 1 : PT_ROUND_SAMPLES - least % PT_ROUND_SAMPLES;
 
         /* Not after an interruption that left pixels with more samples than others: an uninterrupted run would not have tested there. */
-        if (g.error > 0.0 && least == most && least >= g.least && least % PT_TOGETHER == 0) {
+        if (g.error > 0.0 && least == most && least >= g.least && least % PT_ROUND_SAMPLES == 0) {
             const double error = pt_film_error(run->film, pt_traced(st));
             if (error <= g.error)
                 break;
@@ -252,7 +252,7 @@ static struct pt_counts count_all(const struct pt_state *st)
 
 /* The shortest mean free path of the scene's media, mm, if it is within a few rounding errors of positions on surfaces: paths then hit
  * surfaces from the wrong side. Else 0. */
-static double finest_path(const struct pell_scene *scene)
+static double shortest_mean_free_path(const struct pell_scene *scene)
 {
     double extent = 0.0, shortest = INFINITY;
 
@@ -270,8 +270,8 @@ static double finest_path(const struct pell_scene *scene)
 static void report(struct pt_state *st, const struct pt_run *run)
 {
     const struct pt_counts now = count_all(st);
-    const double samples = fmax((double) (now.samples - st->before.samples), 1.0), lights = pt_scene_brightest(st->scene);
-    const double missing = (now.cut_weight - st->before.cut_weight) / samples, films = run->index + 1.0;
+    const double samples = fmax((double) (now.samples - st->before.samples), 1.0), brightest = pt_scene_brightest(st->scene);
+    const double cut_weight = (now.cut_weight - st->before.cut_weight) / samples, films = run->index + 1.0;
     const int64_t cut = now.cut - st->before.cut, lost = now.lost - st->before.lost, crossed = now.crossed - st->before.crossed;
     const int64_t chains = now.chains - st->before.chains, dropped = now.chains_cut - st->before.chains_cut;
     char error[80] = "", bound[96] = "", hint[32];
@@ -281,22 +281,22 @@ static void report(struct pt_state *st, const struct pt_run *run)
     if (run->film->count > 0 && now.samples > st->before.samples)
         pell_info(st->ctx, "path-trace", "%.0f samples per pixel%s; %.0f scatterings and %.1f rays a sample", (double) st->made, error,
                   (double) (now.scatterings - st->before.scatterings) / samples, (double) (now.rays - st->before.rays) / samples);
-    snprintf(hint, sizeof(hint), "--samples %.0f", fmin(st->most * films, PT_MOST));
+    snprintf(hint, sizeof(hint), "--samples %.0f", fmin(st->most * films, PT_MAX_SAMPLES));
     if (st->most > UNEVEN * (double) st->fewest && !pell_context_interrupted(st->ctx))
         pell_warn(st->ctx, "path-trace", hint,
                   "the checkpoint has %u samples for one multisample, others end with %u: the image has their noise", st->most, st->fewest);
-    if (lights > 0.0)
-        snprintf(bound, sizeof(bound), ": on average at most %.3g W/(m^2 sr) a pixel of the light of area lights", missing * lights);
+    if (brightest > 0.0)
+        snprintf(bound, sizeof(bound), ": on average at most %.3g W/(m^2 sr) a pixel of the light of area lights", cut_weight * brightest);
     if (cut > 0)
         pell_warn(st->ctx, "path-trace", "raise the knob events", "%.3g %% of the paths were cut, with %.3g %% of the weight%s",
-                  100.0 * (double) cut / samples, 100.0 * missing, bound);
+                  100.0 * (double) cut / samples, 100.0 * cut_weight, bound);
     if (lost > 0)
         pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces",
                   "%.3g %% of the paths left a solid without hitting its surface", fmin(100.0 * (double) lost / samples, 100.0));
-    if ((double) crossed > CROSSED * samples && finest_path(st->services->scene) > 0.0)
+    if ((double) crossed > CROSSED * samples && shortest_mean_free_path(st->services->scene) > 0.0)
         pell_warn(st->ctx, "path-trace", "scattering is not visible at this size: an opaque material looks the same",
                   "the mean free path of %.3g mm is below the precision of positions on the object: light near its surface is unreliable",
-                  finest_path(st->services->scene));
+                  shortest_mean_free_path(st->services->scene));
     else if ((double) crossed > CROSSED * samples)
         pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between solids",
                   "surfaces cross themselves or touch others: %.3g in 100 paths hit one from the wrong side",
@@ -396,7 +396,7 @@ static enum pell_result check_merged(struct pt_run *run)
     uint32_t least, most;
 
     pt_count_range(run, run->film, &least, &most);
-    return pt_check_gaps(run, g.most == PT_MOST ? most : g.most);
+    return pt_check_gaps(run, g.most == PT_MAX_SAMPLES ? most : g.most);
 }
 
 static enum pell_result run_shared(struct pt_run *run)

@@ -29,7 +29,7 @@ static void look_ahead(const struct pt_scene *s, struct pt_counts *counts, int s
         f->bound = fmaxf(f->bound, bound);
     }
     *safe = 0.0f;
-    f->found = pt_intersect(s, counts, ray->from, ray->w, fmaxf(f->length, f->bound + f->further), PELL_RAY_ALL, &f->hit);
+    f->found = pt_intersect(s, counts, ray->from, ray->w, fmaxf(f->length, f->bound + f->lookahead), PELL_RAY_ALL, &f->hit);
     f->has_hit = f->found && f->hit.t <= f->length;
 }
 
@@ -63,19 +63,19 @@ void pt_attenuate(const struct pt_coefficients *m, float length, float beta[3])
         beta[c] = passed > 0.0f ? beta[c] * t[c] * (sum / passed) : 0.0f;
 }
 
-static void collide(const struct pt_coefficients *m, float length, const float over[3], float beta[3])
+static void collide(const struct pt_coefficients *m, float length, const float inverse_stay[3], float beta[3])
 {
     float sum = 0.0f, density = 0.0f, t[3];
 
     if (m->gray) {
         for (int c = 0; c < 3; c++)
-            beta[c] *= m->sigma_s[c] / m->sigma_t[c] / over[c];
+            beta[c] *= m->sigma_s[c] / m->sigma_t[c] / inverse_stay[c];
         return;
     }
     for (int c = 0; c < 3; c++) {
         t[c] = pt_exp(-m->sigma_t[c] * length);
         sum += beta[c];
-        density += beta[c] * m->sigma_t[c] * t[c] * over[c];
+        density += beta[c] * m->sigma_t[c] * t[c] * inverse_stay[c];
     }
     for (int c = 0; c < 3; c++)
         beta[c] = density > 0.0f ? beta[c] * m->sigma_s[c] * t[c] * (sum / density) : 0.0f;
@@ -95,7 +95,7 @@ void pt_sample_flight(const struct pt_scene *s, struct pt_counts *counts, int so
         *safe = 0.0f;
     }
     for (int k = 0; k < 3; k++)
-        out->over[k] = 1.0f;
+        out->inverse_stay[k] = 1.0f;
     look_ahead(s, counts, solid, ray, safe, out);
 }
 
@@ -117,14 +117,14 @@ void pt_end_flight(const struct pt_scene *s, int solid, const struct pt_ray *ray
     }
     out->length = f->length;
     out->x = vec3_mad(ray->x, f->length, ray->w);
-    if (f->length == INFINITY || pt_outside(b, out->x, 4.0f * s->unit)) {
+    if (f->length == INFINITY || pt_outside(b, out->x, 4.0f * s->epsilon)) {
         out->lost = true;
         out->length = pt_outside(b, ray->x, 0.0f) ? 0.0f : pt_exit_distance(b, ray->x, ray->w);
         out->x = vec3_mad(ray->x, out->length, ray->w);
         pt_attenuate(m, out->length, beta);
         return;
     }
-    collide(m, f->length, f->over, beta);
+    collide(m, f->length, f->inverse_stay, beta);
 }
 
 /* --- Layers ------------------------------------------------------------------------------------------------------------------------ */
@@ -161,11 +161,11 @@ struct bottom {
 static bool find_bottom(const struct pt_scene *s, int solid, struct pell_vec3 x, struct bottom *b)
 {
     const struct pt_medium *m = &s->solid[solid].medium;
-    const float reach = m->floor ? 1.01f * m->deepest + 64.0f * s->unit : m->deepest;
+    const float reach = m->floor ? 1.01f * m->deepest + 64.0f * s->epsilon : m->deepest;
     struct pell_vec3 corner[3];
 
     b->depth = (double) m->deepest;
-    b->least = fmax((m->maps ? 2e-3 : 1e-4) * (double) m->deepest, m->floor ? 4.0 * (double) s->unit : 0.0);
+    b->least = fmax((m->maps ? 2e-3 : 1e-4) * (double) m->deepest, m->floor ? 4.0 * (double) s->epsilon : 0.0);
     if (!pell_rays_closest_point(s->rays, x, reach, s->solids->of_mesh, solid, &b->nearest))
         return false;
     if (m->maps) {
@@ -177,7 +177,7 @@ static bool find_bottom(const struct pt_scene *s, int solid, struct pell_vec3 x,
     if (!m->floor)
         return true;
     b->n = vec3_mul(vec3_sub(b->nearest.point, x), 1.0f / fmaxf((float) b->nearest.distance, 1e-20f));
-    if (b->nearest.distance < 16.0 * (double) s->unit) { /* on the surface */
+    if (b->nearest.distance < 16.0 * (double) s->epsilon) { /* on the surface */
         pell_triangle_corners(&s->scene->meshes[b->nearest.mesh], b->nearest.triangle, corner);
         b->n = vec3_normalize(pell_triangle_cross(corner));
     }
@@ -186,7 +186,7 @@ static bool find_bottom(const struct pt_scene *s, int solid, struct pell_vec3 x,
 
 /* Distance that light at x can travel along w before it can be below the layers, at least the minimum step; 0: it is below. INFINITY if the
  * layers have no end. Mapped depths vary, so half of the distance to them is used. Light reflected by a substrate travels up from it. */
-static float room(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w)
+static float distance_to_bottom(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w)
 {
     const struct pt_medium *m = &s->solid[solid].medium;
     struct bottom b;
@@ -230,21 +230,22 @@ static void end_below(const struct pt_scene *s, int solid, struct pell_vec3 x, f
     out->x = vec3_mad(x, (float) (b.nearest.distance - fmax(b.depth - b.least, 0.0)), b.n);
 }
 
-/* Delta tracking between real and null collisions. One ray finds the surface, up to the queried distance. */
+/* Delta tracking between real and null collisions. A step beyond the known free distance traces a ray. */
 static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3],
                           float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
     struct pt_ray r = *ray;
     const struct pt_solid *b = &s->solid[solid];
-    const float most = fmaxf(b->medium.max_sigma_t[0], fmaxf(b->medium.max_sigma_t[1], b->medium.max_sigma_t[2]));
-    struct pt_flight flight = { .further = 0.0f };
+    const float majorant = fmaxf(b->medium.max_sigma_t[0], fmaxf(b->medium.max_sigma_t[1], b->medium.max_sigma_t[2]));
+    struct pt_flight flight = { .lookahead = 0.0f };
     float length = 0.0f;
 
     for (;;) {
-        const float free = room(s, solid, r.x, r.w), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
-        const float step = fminf(chance, free);
+        const float clear = distance_to_bottom(s, solid, r.x, r.w),
+                    tentative = majorant > 0.0f ? -logf((float) pt_fine(sampler)) / majorant : INFINITY;
+        const float step = fminf(tentative, clear);
         float sum = 0.0f, real = 0.0f, p;
-        if (free == 0.0f) {
+        if (clear == 0.0f) {
             end_below(s, solid, r.x, length, beta, out);
             return;
         }
@@ -259,14 +260,14 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
         }
         out->x = vec3_mad(r.x, step, r.w);
         out->length = length + step;
-        if (!(step < 1e30f) || pt_outside(b, out->x, 4.0f * s->unit)) {
+        if (!(step < 1e30f) || pt_outside(b, out->x, 4.0f * s->epsilon)) {
             out->lost = true;
             out->x = vec3_mad(r.x, pt_outside(b, r.x, 0.0f) ? 0.0f : pt_exit_distance(b, r.x, r.w), r.w);
             return;
         }
         length += step;
         r.x = r.from = out->x;
-        if (free < chance) /* by memorylessness the remaining flight is distributed like a new one */
+        if (clear < tentative) /* by memorylessness the remaining flight is distributed like a new one */
             continue;
         out->medium = layer_at(s, solid, r.x);
         if (!out->medium) {
@@ -277,21 +278,21 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
             sum += beta[c];
             real += beta[c] * out->medium->sigma_t[c];
         }
-        p = sum > 0.0f ? real / (sum * most) : 1.0f;
+        p = sum > 0.0f ? real / (sum * majorant) : 1.0f;
         if (pt_random(sampler) < p) {
             for (int c = 0; c < 3; c++)
                 beta[c] = real > 0.0f ? beta[c] * out->medium->sigma_s[c] * (sum / real) : 0.0f;
             return;
         }
         for (int c = 0; c < 3; c++)
-            beta[c] *= (1.0f - out->medium->sigma_t[c] / most) / (1.0f - p);
+            beta[c] *= (1.0f - out->medium->sigma_t[c] / majorant) / (1.0f - p);
     }
 }
 
 void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3], float *safe,
                         struct pt_sampler *sampler, struct pt_free_path *out)
 {
-    struct pt_flight flight = { .further = 0.0f };
+    struct pt_flight flight = { .lookahead = 0.0f };
 
     out->has_hit = out->lost = out->floor = false;
     if (s->solid[solid].medium.homogeneous) {
@@ -307,30 +308,31 @@ void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, s
                       float out[3])
 {
     const struct pt_medium *m = &s->solid[solid >= 0 ? solid : 0].medium;
-    const float most = fmaxf(m->max_sigma_t[0], fmaxf(m->max_sigma_t[1], m->max_sigma_t[2]));
+    const float majorant = fmaxf(m->max_sigma_t[0], fmaxf(m->max_sigma_t[1], m->max_sigma_t[2]));
 
     out[0] = out[1] = out[2] = 1.0f;
     if (solid < 0)
         return;
     for (int c = 0; c < 3; c++)
         out[c] = m->homogeneous ? pt_exp(-m->layer[0].sigma_t[c] * reach) : 1.0f;
-    if (m->homogeneous || !(most > 0.0f || m->ends))
+    if (m->homogeneous || !(majorant > 0.0f || m->ends))
         return;
     for (float at = 0.0f;;) {
         const struct pt_coefficients *k;
-        const float free = room(s, solid, vec3_mad(x, at, w), w), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
-        at += fminf(chance, free);
-        if (!(at < reach) && free > 0.0f)
+        const float clear = distance_to_bottom(s, solid, vec3_mad(x, at, w), w),
+                    tentative = majorant > 0.0f ? -logf((float) pt_fine(sampler)) / majorant : INFINITY;
+        at += fminf(tentative, clear);
+        if (!(at < reach) && clear > 0.0f)
             return;
-        if (free < chance && free > 0.0f)
+        if (clear < tentative && clear > 0.0f)
             continue;
-        k = free > 0.0f ? layer_at(s, solid, vec3_mad(x, at, w)) : NULL;
+        k = clear > 0.0f ? layer_at(s, solid, vec3_mad(x, at, w)) : NULL;
         if (!k) {
             out[0] = out[1] = out[2] = 0.0f;
             return;
         }
         for (int c = 0; c < 3; c++)
-            out[c] *= 1.0f - k->sigma_t[c] / most;
+            out[c] *= 1.0f - k->sigma_t[c] / majorant;
         if (out[0] + out[1] + out[2] <= 1e-9f)
             return;
     }

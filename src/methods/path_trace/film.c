@@ -206,12 +206,12 @@ void pt_film_free(struct pell_context *ctx, struct pt_film *film)
 
 enum pell_result pt_film_reserve(struct pell_context *ctx, struct pt_film *film, uint32_t more)
 {
-    uint32_t most = 0, room = film->most_spans;
+    uint32_t most = 0, room = film->span_capacity;
     struct pt_span *grown;
 
     for (size_t i = 0; i < film->tiles; i++)
         most = film->num_spans[i] > most ? film->num_spans[i] : most;
-    if (most + more <= film->most_spans)
+    if (most + more <= film->span_capacity)
         return PELL_OK;
     if (most + more > PT_SPANS)
         return pell_error(ctx, PELL_ERR_NOMEM, "path-trace", "merge files of neighbouring samples first",
@@ -222,16 +222,16 @@ enum pell_result pt_film_reserve(struct pell_context *ctx, struct pt_film *film,
     if (!grown)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < film->tiles; i++)
-        memcpy(grown + i * room, film->spans ? film->spans + i * film->most_spans : grown, film->num_spans[i] * sizeof(*grown));
+        memcpy(grown + i * room, film->spans ? film->spans + i * film->span_capacity : grown, film->num_spans[i] * sizeof(*grown));
     pell_free(ctx, film->spans);
     film->spans = grown;
-    film->most_spans = room;
+    film->span_capacity = room;
     return PELL_OK;
 }
 
 uint32_t pt_film_missing(const struct pt_film *film, size_t tile, uint32_t from, uint32_t *end)
 {
-    const struct pt_span *span = film->spans + tile * film->most_spans;
+    const struct pt_span *span = film->spans + tile * film->span_capacity;
     const uint32_t count = film->num_spans[tile];
     uint32_t i = 0;
 
@@ -245,7 +245,7 @@ uint32_t pt_film_missing(const struct pt_film *film, size_t tile, uint32_t from,
 
 void pt_film_cover(struct pt_film *film, size_t tile, struct pt_span add)
 {
-    struct pt_span *span = film->spans + tile * film->most_spans;
+    struct pt_span *span = film->spans + tile * film->span_capacity;
     uint32_t count = film->num_spans[tile], i = 0;
 
     while (i < count && span[i].end < add.first)
@@ -271,7 +271,7 @@ void pt_film_cover(struct pt_film *film, size_t tile, struct pt_span add)
 static uint32_t common(const struct pt_film *a, const struct pt_film *b, size_t tile)
 {
     for (uint32_t i = 0; i < b->num_spans[tile]; i++) {
-        const struct pt_span *span = &b->spans[tile * b->most_spans + i];
+        const struct pt_span *span = &b->spans[tile * b->span_capacity + i];
         uint32_t end, from = pt_film_missing(a, tile, span->first, &end);
         if (from > span->first)
             return span->first;
@@ -288,12 +288,12 @@ enum pell_result pt_film_merge(struct pell_context *ctx, struct pt_film *film, c
     for (*tile = 0; *tile < film->tiles; ++*tile)
         if ((*sample = common(film, from, *tile)) != UINT32_MAX)
             return PELL_ERR_INVALID;
-    res = pt_film_reserve(ctx, film, from->most_spans);
+    res = pt_film_reserve(ctx, film, from->span_capacity);
     if (res != PELL_OK)
         return res;
     for (size_t t = 0; t < film->tiles; t++) {
         for (uint32_t i = 0; i < from->num_spans[t]; i++)
-            pt_film_cover(film, t, from->spans[t * from->most_spans + i]);
+            pt_film_cover(film, t, from->spans[t * from->span_capacity + i]);
         for (uint32_t i = film->starts[t]; from->num_spans[t] > 0 && i < film->starts[t + 1]; i++)
             pt_pixel_merge(&film->pixels[i], &from->pixels[i]);
     }
@@ -304,7 +304,7 @@ bool pt_film_holds(const struct pt_film *film, const struct pt_film *part)
 {
     for (size_t t = 0; t < part->tiles; t++)
         for (uint32_t i = 0; i < part->num_spans[t]; i++) {
-            const struct pt_span *span = &part->spans[t * part->most_spans + i];
+            const struct pt_span *span = &part->spans[t * part->span_capacity + i];
             uint32_t end;
             if (pt_film_missing(film, t, span->first, &end) < span->end)
                 return false;

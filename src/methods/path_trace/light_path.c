@@ -41,7 +41,7 @@ struct light_paths {
     struct light_path path[MAX_PENDING + 1];
 };
 
-static void keep(struct pt_walker *w, const struct pt_scatterer *at, const float power[3], float length, int solid)
+static void store_vertex(struct pt_walker *w, const struct pt_scatterer *at, const float power[3], float length, int solid)
 {
     struct pt_light_vertex *v;
 
@@ -91,9 +91,10 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, float u,
     return true;
 }
 
-/* Chooses one of both at random; for light that has not scattered, continues with the transmitted part and pushes the reflected one. */
-static bool surface_or_both(const struct pt_scene *s, const struct pt_hit *hit, struct light_path *p, struct light_paths *others,
-                            struct pt_sampler *sampler)
+/* Reflects or refracts at random; light from outside that has not scattered continues with its transmitted part, and the reflected one is
+ * pushed. */
+static bool interact(const struct pt_scene *s, const struct pt_hit *hit, struct light_path *p, struct light_paths *others,
+                     struct pt_sampler *sampler)
 {
     const bool both = p->stack.count == 0 && !p->scattered && others->count < MAX_PENDING;
     const int surfaces = p->surfaces++;
@@ -148,7 +149,7 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
         if (free_path.has_hit || pt_intersect(s, &w->counts, p->ray.from, p->ray.w, INFINITY, PELL_RAY_ALL, &hit)) {
             at.x = p->ray.x;
             at.medium = &s->solid[solid].medium.layer[0];
-            keep(w, &at, before, free_path.has_hit ? free_path.length : hit.t, solid);
+            store_vertex(w, &at, before, free_path.has_hit ? free_path.length : hit.t, solid);
         }
     }
     if (free_path.lost) {
@@ -158,7 +159,7 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
         return true;
     }
     if (free_path.has_hit && free_path.hit.solid >= 0)
-        return surface_or_both(s, &free_path.hit, p, others, sampler);
+        return interact(s, &free_path.hit, p, others, sampler);
     /* Stores a scattering event in the medium, or at an opaque surface. */
     if (p->surfaces == 0 || connected)
         return false;
@@ -176,14 +177,14 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
         }
         for (int c = 0; c < 3; c++)
             p->power[c] *= albedo[c];
-        keep(w, &at, p->power, 0.0f, solid);
+        store_vertex(w, &at, p->power, 0.0f, solid);
         p->ray.w = pt_scatter_sample(&at, sampler, NULL);
         p->safe = 0.0f;
     } else {
         if (!(p->power[0] + p->power[1] + p->power[2] > 0.0f))
             return false;
         if (!beam)
-            keep(w, &at, p->power, 0.0f, solid);
+            store_vertex(w, &at, p->power, 0.0f, solid);
         pt_phase_sample(free_path.medium, p->ray.w, sampler, p->power, &p->ray.w);
     }
     p->ray.x = p->ray.from = at.x;
@@ -271,13 +272,13 @@ void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const 
         const struct pt_light_vertex *v = &vertex[i];
         struct pell_vec3 to, dir;
         float values[3], vertex_values[3], passed[3], light[3], power[3] = { v->at.beta[0], v->at.beta[1], v->at.beta[2] };
-        float square, distance, most = 0.0f, chance = 1.0f;
+        float square, distance, most = 0.0f, survival = 1.0f;
         if (v->solid != solid)
             continue;
         to = vec3_sub(v->length > 0.0f ? sample_beam_point(v, at->x, &independent, power) : v->at.x, at->x);
         square = vec3_dot(to, to);
         distance = sqrtf(square);
-        if (!(distance > 2.0f * s->unit))
+        if (!(distance > 2.0f * s->epsilon))
             continue;
         dir = vec3_mul(to, 1.0f / distance);
         pt_scatter_values(at, dir, values);
@@ -290,14 +291,14 @@ void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const 
         if (!(most > 0.0f))
             continue;
         if ((double) most < least) {
-            chance = (float) ((double) most / least);
-            if (pt_fine(&independent) >= (double) chance)
+            survival = (float) ((double) most / least);
+            if (pt_fine(&independent) >= (double) survival)
                 continue;
         }
         if (!pt_bounce_allowed(s, at->bounces + v->at.bounces + (solid < 0)) ||
             !pt_unoccluded(s, counts, at->x, dir, distance * (1.0f - 1e-5f), PELL_RAY_ALL))
             continue;
         for (int c = 0; c < 3; c++)
-            sum[c] += (double) (light[c] / chance);
+            sum[c] += (double) (light[c] / survival);
     }
 }

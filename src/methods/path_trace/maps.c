@@ -53,7 +53,7 @@ void pt_tint(const struct pt_scene *s, const struct pt_hit *hit, bool enters, fl
     const struct pell_tint *t = &s->tint[hit->material];
     float color[3];
 
-    if (!t->is)
+    if (!t->enabled)
         return;
     base_color(s, hit, color);
     pell_tint_apply(t, color, enters, beta);

@@ -148,7 +148,7 @@ float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struc
 {
     const int c = m->alike ? 0 : pt_sample_channel(beta, pt_random(s)); /* channel chosen by throughput */
     const float u = pt_random(s), v = pt_random(s), sum = beta[0] + beta[1] + beta[2];
-    float cosine, to[3], values[3], hit_opaque, scale;
+    float cosine, to[3], values[3], density, scale;
 
     if (m->isotropic) {
         pt_uniform_sphere(u, v, to);
@@ -161,9 +161,9 @@ float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struc
     pt_phase_values(m, w, *out, values);
     if (m->alike)
         return values[0];
-    hit_opaque = beta[0] * values[0] + beta[1] * values[1] + beta[2] * values[2];
-    scale = hit_opaque > 0.0f ? sum / hit_opaque : 0.0f;
+    density = beta[0] * values[0] + beta[1] * values[1] + beta[2] * values[2];
+    scale = density > 0.0f ? sum / density : 0.0f;
     for (int i = 0; i < 3; i++)
-        beta[i] *= hit_opaque > 0.0f ? values[i] * scale : 1.0f;
-    return hit_opaque / sum;
+        beta[i] *= density > 0.0f ? values[i] * scale : 1.0f;
+    return density / sum;
 }

@@ -109,14 +109,14 @@ static double source_fraction(const struct pt_scene *s, const struct pell_light_
 
 double pt_exit_nee_probability(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source)
 {
-    return exp(-PT_REACH * (double) (s->solid[e->solid].medium.min_sigma_t * e->length)) * (double) e->fraction *
+    return exp(-PT_RANGE_RATE * (double) (s->solid[e->solid].medium.min_sigma_t * e->length)) * (double) e->fraction *
            source_fraction(s, source);
 }
 
 double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
 {
     const struct pt_medium *m = &s->solid[e->solid].medium;
-    double sum = 0.0, hit_opaque = 0.0, passed = 0.0;
+    double sum = 0.0, scattered = 0.0, passed = 0.0;
     float values[3];
 
     pt_scatter_values(&e->from, e->w, values);
@@ -124,34 +124,36 @@ double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
         const double weight = (double) e->from.beta[c] * (double) values[c];
         const double sigma = (double) (m->homogeneous ? m->layer[0].sigma_t[c] : m->min_sigma_t);
         sum += (double) e->from.beta[c];
-        hit_opaque += weight;
+        scattered += weight;
         passed += weight * exp(-sigma * (double) e->length);
     }
-    return sum > 0.0 && hit_opaque > 0.0 ? hit_opaque / sum * (passed / hit_opaque) * (double) e->transmit : 0.0;
+    return sum > 0.0 && scattered > 0.0 ? scattered / sum * (passed / scattered) * (double) e->transmit : 0.0;
 }
 
-static void connection(const struct pt_scene *s, const struct pt_scatterer *at, int solid, float fraction, const struct pell_connection *c,
-                       const struct pell_light_sample *source, struct pt_sampler *sampler, double sum[3])
+/* Adds the light of one connection. */
+static void add_connection(const struct pt_scene *s, const struct pt_scatterer *at, int solid, float fraction,
+                           const struct pell_connection *c, const struct pell_light_sample *source, struct pt_sampler *sampler,
+                           double sum[3])
 {
     struct pt_exit e = { .from = *at, .solid = solid, .w = c->inside, .fraction = fraction };
     float power[3], values[3], passed[3];
-    double scale, beam, reach;
+    double scale, beam, nee_probability;
 
     e.length = (float) c->inside_mm;
     e.transmit = (float) c->transmit;
     pt_hit_at(s, c->mesh, c->triangle, c->u, c->v, c->inside, &e.hit);
     beam = pt_beam(s, &e, c->outside_mm);
-    reach = pt_exit_nee_probability(s, &e, source);
+    nee_probability = pt_exit_nee_probability(s, &e, source);
     if (!(beam > 0.0))
         return;
-    scale = beam * c->transmit / (reach * source->pdf);
+    scale = beam * c->transmit / (nee_probability * source->pdf);
     if (!source->delta) {
         const double facing = source->distant ? 1.0 : -(double) vec3_dot(source->normal, c->outside);
         if (!(facing > 0.0))
             return;
         scale *= facing;
         if (s->knobs.techniques & PT_HIT_LIGHTS) {
-            const double light_pdf = source->pdf * reach, path_pdf = pt_exit_density(s, &e) * beam * facing;
+            const double light_pdf = source->pdf * nee_probability, path_pdf = pt_exit_density(s, &e) * beam * facing;
             scale *= light_pdf / (light_pdf + path_pdf);
         }
     }
@@ -215,7 +217,7 @@ void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int s
                                                            source.distant, (double) reach },
                          found, PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
-        connection(s, at, solid, fraction, &found[i], &source, &independent, sum);
+        add_connection(s, at, solid, fraction, &found[i], &source, &independent, sum);
 }
 
 /* --- Near connections through rough boundaries --------------------------------------------------------------------------------------- */
@@ -285,9 +287,9 @@ static struct pell_vec3 lobes_sample(const struct lobes *l, struct pt_sampler *s
 
 static double near_density(const struct lobes *l, const struct pt_scatterer *at, struct pell_vec3 w)
 {
-    const double spread = scatter_density(at, w);
+    const double direct = scatter_density(at, w);
 
-    return l->count > 0 ? LOBE_FRACTION * lobes_density(l, w) + (1.0 - LOBE_FRACTION) * spread : spread;
+    return l->count > 0 ? LOBE_FRACTION * lobes_density(l, w) + (1.0 - LOBE_FRACTION) * direct : direct;
 }
 
 /* Probability that a scatterer connects; depends on its position only. */
@@ -296,7 +298,7 @@ static double connect_probability(const struct pt_scene *s, int solid, struct pe
     const struct pt_solid *b = &s->solid[solid];
     const double bound = b->grid ? (double) pell_distance_bound(s->distance, solid, x) : 0.0;
 
-    return (double) fraction * exp(-PT_REACH * (double) b->medium.min_sigma_t * bound);
+    return (double) fraction * exp(-PT_RANGE_RATE * (double) b->medium.min_sigma_t * bound);
 }
 
 double pt_rough_nee_density(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e,
@@ -319,7 +321,7 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     struct lobes lobes;
     struct pt_exit e = { .from = *at, .solid = solid, .fraction = fraction, .transmit = 1.0f };
     struct pell_vec3 v;
-    double distance, kernel, per_sr = 1.0, density, scale = 1.0;
+    double distance, bsdf, mis_weight = 1.0, density, scale = 1.0;
     float power[3], values[3], passed[3];
 
     if (!select_scatterer((float) probability, selection))
@@ -348,18 +350,18 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     facing = (struct pt_shading_frame) { vec3_mul(e.w, -1.0f), vec3_mul(e.hit.ns, -1.0f), vec3_mul(e.hit.ng, -1.0f), 1 };
     if (!(vec3_dot(facing.o, facing.ns) > 1e-4f))
         facing.ns = facing.ng;
-    kernel = (double) pt_rough_density(rough, &facing, v);
+    bsdf = (double) pt_rough_density(rough, &facing, v);
     if (!source.delta) {
         scale *= -(double) vec3_dot(source.normal, v);
         if (!(scale > 0.0))
             return;
         if (s->knobs.techniques & PT_HIT_LIGHTS) {
-            const double light_pdf = probability * density * source.pdf, path_pdf = pt_exit_density(s, &e) * kernel * scale;
-            per_sr = light_pdf / (light_pdf + path_pdf);
+            const double light_pdf = probability * density * source.pdf, path_pdf = pt_exit_density(s, &e) * bsdf * scale;
+            mis_weight = light_pdf / (light_pdf + path_pdf);
         }
     }
     pell_light_sampler_power_at(s->light_sampler, &source, e.hit.p, power);
-    if (!(kernel > 0.0) || !(power[0] + power[1] + power[2] > 0.0f) ||
+    if (!(bsdf > 0.0) || !(power[0] + power[1] + power[2] > 0.0f) ||
         !pt_unoccluded(s, counts, pt_offset_origin(&e.hit, v), v, source.distant ? INFINITY : (float) (distance * (1.0 - 1e-5)),
                        PELL_RAY_ALL))
         return;
@@ -368,27 +370,27 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     pt_tint(s, &e.hit, true, passed);
     for (int k = 0; k < 3; k++)
         sum[k] +=
-            (double) (at->beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (probability * density * source.pdf);
+            (double) (at->beta[k] * values[k] * passed[k] * power[k]) * bsdf * scale * mis_weight / (probability * density * source.pdf);
 }
 
 /* --- Surfaces ------------------------------------------------------------------------------------------------------------------------ */
 
-void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_scatterer *at, int open,
-                   bool environments, struct pt_sampler *sampler, double sum[3])
+void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_scatterer *at,
+                   int outer_side, bool environments, struct pt_sampler *sampler, double sum[3])
 {
     struct pell_light_sample source;
     struct pell_vec3 v;
-    double distance, scale, kernel, per_sr;
+    double distance, scale, bsdf, light_pdf;
     float power[3], facing;
 
     if (!pt_sample_light(s, hit->p, sampler, &source) || (environments && (!source.distant || source.delta)) ||
         !toward(&source, hit->p, &v, &distance))
         return;
     facing = vec3_dot(v, at->n);
-    if (!(facing * (float) open > 0.0f))
+    if (!(facing * (float) outer_side > 0.0f))
         return;
-    kernel = at->rough ? (double) pt_rough_density(at->rough, at->facing, v) : (double) (facing / PELL_PI_F);
-    if (!(kernel > 0.0))
+    bsdf = at->rough ? (double) pt_rough_density(at->rough, at->facing, v) : (double) (facing / PELL_PI_F);
+    if (!(bsdf > 0.0))
         return;
     scale = source.distant ? 1.0 : 1.0 / (distance * distance);
     if (!source.delta) {
@@ -396,14 +398,14 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
         if (!(cos_light > 0.0))
             return;
         scale *= cos_light;
-        per_sr = source.pdf / scale;
+        light_pdf = source.pdf / scale;
         if (s->knobs.techniques & PT_HIT_LIGHTS)
-            scale *= per_sr / (per_sr + kernel);
+            scale *= light_pdf / (light_pdf + bsdf);
     }
     pell_light_sampler_power_at(s->light_sampler, &source, hit->p, power);
     if (!(power[0] + power[1] + power[2] > 0.0f) ||
         !pt_unoccluded(s, counts, pt_offset_origin(hit, v), v, source.distant ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
         return;
     for (int k = 0; k < 3; k++)
-        sum[k] += (double) (at->beta[k] * power[k] * (at->rough && open < 0 ? at->tint[k] : 1.0f)) * kernel * scale / source.pdf;
+        sum[k] += (double) (at->beta[k] * power[k] * (at->rough && outer_side < 0 ? at->tint[k] : 1.0f)) * bsdf * scale / source.pdf;
 }

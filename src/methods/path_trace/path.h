@@ -27,11 +27,11 @@
 
 /* A rough boundary between two indices of refraction, for either side: [0] from outside, [1] from inside. */
 struct pt_rough {
-    float alpha, eta;                    /* eta: inside / outside */
-    float albedo[2][PT_ROUGH_CELLS + 1]; /* over mu = i / cells: albedo of single bounces, reflection and transmission together */
-    float lost[2][PT_ROUGH_CELLS];       /* distribution over mu^2 of the compensation lobe on a side; sums to 1 */
-    float lost_sum[2][PT_ROUGH_CELLS];   /* its cumulative sum, including this cell */
-    float lost_in_transmission[2];       /* fraction of the compensation lobe that is transmitted */
+    float alpha, eta;                         /* eta: inside / outside */
+    float albedo[2][PT_ROUGH_CELLS + 1];      /* over mu = i / cells: albedo of single bounces, reflection and transmission together */
+    float lobe[2][PT_ROUGH_CELLS];            /* density over mu^2 of the compensation lobe on a side; its integral is 1 */
+    float lobe_cumulative[2][PT_ROUGH_CELLS]; /* its integral up to the end of the cell */
+    float lobe_transmission[2];               /* fraction of the compensation lobe that is transmitted */
 };
 
 /* Fresnel reflectance; cos_i on the incident side, eta = n_transmitted / n_incident. *cos_t: cosine of the refracted direction. */
@@ -110,17 +110,17 @@ struct pt_solid {
     bool closed;
     bool grid;               /* the distance grid is valid */
     bool connects;           /* next-event estimation by connections through its boundary, which is smooth everywhere */
-    bool near;               /* the same, rough everywhere */
+    bool connects_rough;     /* the same through a boundary that is rough everywhere: pt_connect_rough */
     bool lanes;              /* its paths may run in SIMD lanes */
-    float further;           /* mm beyond the distance bound within which flights are split at its boundary; 0: no splitting */
-    float connect_mm;        /* mm; maximum distance of connections is -ask log u */
+    float split_mm;          /* mm beyond the distance bound within which flights are split at its boundary; 0: no splitting */
+    float connect_mm;        /* mm; the maximum distance of connections is -connect_mm log u */
     float fraction;          /* fraction of the scattering events after the first with next-event estimation */
     struct pell_vec3 lo, hi; /* bounds */
 };
 
-/* Roughness of a material's boundary, quantised in uniform steps where a map varies it. */
-struct pt_roughness_step {
-    float low, high; /* roughness; below the first step the boundary is smooth. Both 0: smooth everywhere */
+/* Range of roughness of a material's boundary, quantised in uniform steps where a map varies it. */
+struct pt_roughness_range {
+    float low, high; /* roughness; at low values the boundary is smooth. Both 0: smooth everywhere */
     int steps;       /* 1: no map, or a constant one */
 };
 
@@ -134,8 +134,8 @@ struct pt_scene {
     struct pt_solid *solid; /* array of the solids */
     struct pt_rough *rough; /* distinct (material, index ratio) pairs */
     size_t num_rough;
-    struct pt_roughness_step *roughness_steps; /* by material of the scene */
-    struct pell_tint *tint;                    /* by material of the scene */
+    struct pt_roughness_range *roughness_ranges; /* by material of the scene */
+    struct pell_tint *tint;                      /* by material of the scene */
     struct pell_light_sampler *light_sampler;
     struct pell_connector *connector; /* NULL: not needed */
     struct pell_distance *distance;   /* NULL: no grid */
@@ -148,7 +148,7 @@ struct pt_scene {
     int light_rays;              /* per sample: more if reflected light hits other surfaces */
     double environment_fraction; /* probability of next-event estimation for it: random directions sample a uniform one well enough */
     uint32_t seed;
-    float unit; /* mm: several rounding errors of the largest coordinate of a solid */
+    float epsilon; /* mm: several rounding errors of the largest coordinate of a solid */
 };
 
 /* Intersection of a ray with a triangle. */
@@ -157,7 +157,7 @@ struct pt_hit {
     float u, v, t;
     struct pell_vec3 p, ng, ns; /* outward, unit; ns equals ng with the knob normals=flat */
     bool interpolated;          /* ns varies over the triangle */
-    float unit;                 /* mm: offset of ray origins along ng, several rounding errors */
+    float epsilon;              /* mm: offset of ray origins along ng, several rounding errors */
     int solid;                  /* -1: opaque */
     int material;               /* of the scene */
 };
@@ -181,7 +181,7 @@ bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pe
 /* Origin of a ray from a surface toward a side. */
 static inline struct pell_vec3 pt_offset_origin(const struct pt_hit *hit, struct pell_vec3 w)
 {
-    return vec3_mad(hit->p, vec3_dot(w, hit->ng) >= 0.0f ? hit->unit : -hit->unit, hit->ng);
+    return vec3_mad(hit->p, vec3_dot(w, hit->ng) >= 0.0f ? hit->epsilon : -hit->epsilon, hit->ng);
 }
 /* Diffuse scattering at an opaque surface of light along w: the normal of the side where it leaves, for thin sheets chosen at random, and
  * the albedo over the probability of that choice. */
@@ -231,17 +231,17 @@ struct pt_free_path {
 
 /* A sampled flight through a homogeneous medium before its weights are applied. */
 struct pt_flight {
-    float further; /* mm beyond the distance bound to which a surface is searched in any case, if a ray is needed at all */
-    float length;  /* to the collision, unless a surface comes first */
-    float bound;   /* of a flight that needed a ray: mm known to be free of surfaces */
-    int channel;   /* whose distribution was sampled */
-    bool has_hit;  /* a surface comes first: `hit` */
-    bool found;    /* hit is valid, even if it is beyond the length */
+    float lookahead; /* mm beyond the distance bound to which a surface is searched in any case, if a ray is needed at all */
+    float length;    /* to the collision, unless a surface comes first */
+    float bound;     /* of a flight that needed a ray: mm known to be free of surfaces */
+    int channel;     /* whose distribution was sampled */
+    bool has_hit;    /* a surface comes first: `hit` */
+    bool found;      /* hit is valid, even if it is beyond the length */
     struct pt_hit hit;
-    float over[3]; /* per channel: reciprocal of the probability to stay inside; 1 without splitting */
+    float inverse_stay[3]; /* per channel: reciprocal of the probability to stay inside; 1 without splitting */
 };
 
-/* Samples a flight by the channel throughputs beta. The caller sets `further`. */
+/* Samples a flight by the channel throughputs beta. The caller sets `lookahead`. */
 void pt_sample_flight(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, const float beta[3],
                       float *safe, struct pt_sampler *sampler, struct pt_flight *out);
 /* Computes its end point; updates beta. */
@@ -327,8 +327,8 @@ double pt_exit_nee_probability(const struct pt_scene *s, const struct pt_exit *e
 /* Samples a point on a light for a receiver at x. False: no light. */
 bool pt_sample_light(const struct pt_scene *s, struct pell_vec3 x, struct pt_sampler *sampler, struct pell_light_sample *source);
 
-#define PT_REACH 0.6                    /* in optical depths: range of connections */
-#define PT_NEE_SALT 0x5851f42d4c957f2du /* of the random numbers for that decision */
+#define PT_RANGE_RATE 0.6               /* the range of connections is exponential, with this rate per optical depth */
+#define PT_NEE_SALT 0x5851f42d4c957f2du /* of the random numbers for that range */
 
 /* Whether a scatterer does next-event estimation through a smooth boundary: `fraction` of those within range of it, evenly along the
  * path. *safe: mm around x without a surface, updated; *selection: in [0, 1), accumulates the fractions. */
@@ -345,10 +345,10 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
 double pt_rough_nee_density(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e,
                             const struct pell_light_sample *source);
 
-/* Next-event estimation at a surface outside of solids, at a rough boundary or a Lambertian surface. `open`: the side of at->n that is
- * outside, +1 or -1. `environments`: the environment only. */
-void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_scatterer *at, int open,
-                   bool environments, struct pt_sampler *sampler, double sum[3]);
+/* Next-event estimation at a surface outside of solids, at a rough boundary or a Lambertian surface. `outer_side`: the side of at->n
+ * that is outside, +1 or -1. `environments`: the environment only. */
+void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_scatterer *at,
+                   int outer_side, bool environments, struct pt_sampler *sampler, double sum[3]);
 
 /* --- light_path.c: paths from lights -------------------------------------------------------------------------------------------- */
 

@@ -40,7 +40,7 @@ enum pt_component { PT_MULTIPLE, PT_SINGLE, PT_SURFACE, PT_COMPONENTS };
 
 /* Pixels of a tile, in scan order; a tile is the unit of files and ranks. */
 #define PT_TILE 8
-/* Spans per tile. */
+/* Maximum number of spans of a tile. */
 #define PT_SPANS 4096
 
 /* Samples of a tile: first, first + 1, ... end - 1. */
@@ -57,8 +57,8 @@ struct pt_film {
     size_t tiles;
     uint32_t *starts;      /* tiles + 1 entries: the first pixel of each */
     uint16_t *num_spans;   /* per tile */
-    struct pt_span *spans; /* most_spans per tile: sorted and disjoint */
-    uint32_t most_spans;
+    struct pt_span *spans; /* span_capacity entries per tile, the first num_spans in use: sorted and disjoint */
+    uint32_t span_capacity;
 };
 
 /* Number of tiles of an image, in rows from the top. */
@@ -72,7 +72,7 @@ static inline size_t pt_tiles(uint32_t width, uint32_t height)
 bool pt_pixel_add(struct pt_pixel *pixel, int exponent, const struct pt_light *light, bool traced);
 /* Adds all samples of another pixel. */
 void pt_pixel_merge(struct pt_pixel *pixel, const struct pt_pixel *other);
-/* Of 2^exponent. */
+/* The sum's value, if its unit is 2^exponent. */
 double pt_sum_value(const struct pt_sum *sum, int exponent);
 /* Mean and standard error of R, G, B and luminance of the visible parts; without samples: 0. */
 void pt_pixel_measure(const struct pt_pixel *pixel, int exponent, bool traced, double mean[4], double error[4]);

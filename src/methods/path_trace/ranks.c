@@ -107,26 +107,25 @@ fail:
 static enum pell_result broadcast_spans(struct pt_state *st, struct pt_film *film, struct pt_film *done)
 {
     const struct pell_communicator *comm = pt_communicator(st);
-    uint64_t head[3] = { film->identity, film->tiles, film->most_spans };
-    enum pell_result res = PELL_OK;
+    uint64_t head[3] = { film->identity, film->tiles, film->span_capacity };
 
     comm->broadcast(comm->user, head, sizeof(head));
     if (head[0] == 0)
         return PELL_OK;
     done->identity = head[0];
     done->tiles = (size_t) head[1];
-    done->most_spans = (uint32_t) head[2];
+    done->span_capacity = (uint32_t) head[2];
     done->num_spans = pell_calloc(st->ctx, done->tiles, sizeof(*done->num_spans));
-    done->spans = pell_calloc(st->ctx, done->tiles * done->most_spans, sizeof(*done->spans));
+    done->spans = pell_calloc(st->ctx, done->tiles * done->span_capacity, sizeof(*done->spans));
     if (!done->num_spans || !done->spans)
         return PELL_ERR_NOMEM;
     if (comm->rank == 0) {
         memcpy(done->num_spans, film->num_spans, done->tiles * sizeof(*done->num_spans));
-        memcpy(done->spans, film->spans, done->tiles * done->most_spans * sizeof(*done->spans));
+        memcpy(done->spans, film->spans, done->tiles * done->span_capacity * sizeof(*done->spans));
     }
     comm->broadcast(comm->user, done->num_spans, done->tiles * sizeof(*done->num_spans));
-    comm->broadcast(comm->user, done->spans, done->tiles * done->most_spans * sizeof(*done->spans));
-    return res;
+    comm->broadcast(comm->user, done->spans, done->tiles * done->span_capacity * sizeof(*done->spans));
+    return PELL_OK;
 }
 
 enum pell_result pt_ranks_start(struct pt_state *st, const struct pell_frame *in)
@@ -243,7 +242,7 @@ static enum pell_result do_items(struct pt_run *run, const struct rounds *r, int
     while (first < end) {
         const int64_t round = first / (int64_t) r->tasks, task = first % (int64_t) r->tasks;
         const int64_t left = (int64_t) r->tasks - task, count = end - first < left ? end - first : left;
-        const enum pell_result res = pt_film_reserve(st->ctx, run->film, 1 + (run->done ? run->done->most_spans : 0));
+        const enum pell_result res = pt_film_reserve(st->ctx, run->film, 1 + (run->done ? run->done->span_capacity : 0));
 
         if (res != PELL_OK)
             return res;
@@ -311,14 +310,14 @@ struct decision {
 static struct decision decide(const struct pt_run *run, struct pt_goal *g, const struct pt_film *film, uint32_t least, bool equal)
 {
     const struct pt_state *st = run->st;
-    uint32_t step = least < PT_TOGETHER ? 1 : PT_TOGETHER - least % PT_TOGETHER;
+    uint32_t step = least < PT_ROUND_SAMPLES ? 1 : PT_ROUND_SAMPLES - least % PT_ROUND_SAMPLES;
     const struct decision done = { least, 0 };
 
     if (least >= g->most)
         return done;
     if (!(g->error > 0.0) && !isfinite(g->deadline))
         return (struct decision) { g->most, 0 };
-    if (g->error > 0.0 && equal && least >= g->least && least % PT_TOGETHER == 0) {
+    if (g->error > 0.0 && equal && least >= g->least && least % PT_ROUND_SAMPLES == 0) {
         const double error = pt_film_error(film, pt_traced(st));
         if (error <= g->error)
             return done;
@@ -335,7 +334,7 @@ static struct decision decide(const struct pt_run *run, struct pt_goal *g, const
     return (struct decision) { least + step, 0 };
 }
 
-/* Sums the films of all ranks into that of rank 0. */
+/* Copies the sum over all ranks to the film of rank 0, which then has all samples before `end`. */
 static void copy_total(struct pt_run *run, uint32_t end)
 {
     struct pt_film *film = run->film;
@@ -363,7 +362,7 @@ enum pell_result pt_ranks_run(struct pt_run *run, struct pt_goal *g)
     comm->broadcast(comm->user, &threads, sizeof(threads)); /* of rank 0: tasks must be the same on all ranks */
     each = pixels / (threads * 16);
     PELL_TRY(make_total(run));
-    PELL_TRY(pt_list_tasks(run, each > PT_TASK ? PT_TASK : (size_t) each + 1, &rounds.tasks));
+    PELL_TRY(pt_list_tasks(run, each > PT_TASK_PIXELS ? PT_TASK_PIXELS : (size_t) each + 1, &rounds.tasks));
     pt_count_range(run, run->done ? run->done : run->film, &least, &most);
     g->first = least;
     equal = least == most;
@@ -376,8 +375,8 @@ enum pell_result pt_ranks_run(struct pt_run *run, struct pt_goal *g)
             break;
         rounds.from = least;
         rounds.end = next.end;
-        rounds.step = ((next.end - least) / 16 + PT_TOGETHER - 1) / PT_TOGETHER * PT_TOGETHER;
-        rounds.step = rounds.step < PT_TOGETHER ? PT_TOGETHER : rounds.step;
+        rounds.step = ((next.end - least) / 16 + PT_ROUND_SAMPLES - 1) / PT_ROUND_SAMPLES * PT_ROUND_SAMPLES;
+        rounds.step = rounds.step < PT_ROUND_SAMPLES ? PT_ROUND_SAMPLES : rounds.step;
         rounds.count = (next.end - least + rounds.step - 1) / rounds.step;
         PELL_TRY(do_rounds(run, g, &rounds));
         reduced = false;
@@ -385,7 +384,7 @@ enum pell_result pt_ranks_run(struct pt_run *run, struct pt_goal *g)
             break;
         least = next.end;
         equal = equal || least >= most;
-        if (g->error > 0.0 && least >= g->least && least % PT_TOGETHER == 0) {
+        if (g->error > 0.0 && least >= g->least && least % PT_ROUND_SAMPLES == 0) {
             PELL_TRY(pt_ranks_reduce(st->ctx, comm, run->film, &st->total));
             known = &st->total;
             reduced = true;

@@ -69,9 +69,9 @@ struct pt_goal {
 };
 
 enum {
-    PT_TOGETHER = 4,  /* samples per round, from the fourth on */
-    PT_TASK = 449,    /* pixels per task, in whole tiles: many paths, so that lanes are seldom idle */
-    PT_MOST = 1 << 30 /* samples per pixel */
+    PT_ROUND_SAMPLES = 4,    /* samples of a pixel per round, from the fourth on */
+    PT_TASK_PIXELS = 449,    /* pixels per task, in whole tiles: many paths, so that lanes are seldom idle */
+    PT_MAX_SAMPLES = 1 << 30 /* samples per pixel */
 };
 
 #define PT_BATCH_SECONDS 0.25 /* between two checks of the clock */

@@ -14,7 +14,7 @@
 #define GRID_BYTES ((size_t) 64 << 20)
 #define SMOOTH_ROUGHNESS 0.05f /* below: alpha under 0.0025, treated as a delta distribution */
 #define MATCHED 1e-3f          /* indices that differ by less have no rough boundary between them */
-#define FURTHER 3.0f           /* in mean free paths: distance beyond the bound within which flights are split */
+#define SPLIT_RANGE 3.0f       /* in mean free paths: distance beyond the bound within which flights are split */
 #define NEE_FRACTION 0.1f      /* for isotropic scattering; successive forward scattering events are correlated */
 #define PROBES 256
 #define FOLD_RAYS 1024        /* test rays that detect folds */
@@ -77,7 +77,7 @@ static enum pell_result inspect(struct pt_scene *s)
         return PELL_ERR_NOMEM;
     PELL_TRY(pell_scene_check(scene, &report));
     pell_scene_objects(scene, order, order + scene->num_meshes);
-    for (size_t i = 0, last_reported = SIZE_MAX; i < scene->num_meshes; i++) {
+    for (size_t i = 0, previous = SIZE_MAX; i < scene->num_meshes; i++) {
         const uint32_t m = order[i];
         const int solid = m < s->solids->num_meshes ? s->solids->of_mesh[m] : -1;
         rank += i > 0 && scene->meshes[m].object != scene->meshes[order[i - 1]].object;
@@ -85,12 +85,12 @@ static enum pell_result inspect(struct pt_scene *s)
             continue;
         const struct pell_object_report *o = &report.objects[rank];
         s->solid[solid].closed = o->closed;
-        if (last_reported != rank && !o->closed)
+        if (previous != rank && !o->closed)
             pell_warn(
                 s->ctx, o->name, "close it: a medium needs a closed surface",
                 "the surface is open (%lld boundary edges): path-trace ends the medium where light finds no surface inside its bounds",
                 (long long) o->boundary_edges);
-        last_reported = rank;
+        previous = rank;
     }
     res = PELL_OK;
 
@@ -127,7 +127,7 @@ static enum pell_result make_solids(struct pt_scene *s)
         b->fraction = nee_fraction(&b->medium.layer[b->medium.layers - 1]);
         b->smooth = b->rough = true;
         for (size_t t = 0; t < from->num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
-            const struct pt_roughness_step *f = &s->roughness_steps[mesh_of(s, i, t)->material];
+            const struct pt_roughness_range *f = &s->roughness_ranges[mesh_of(s, i, t)->material];
             const bool matched = fabsf(b->medium.eta - 1.0f) < MATCHED;
             b->smooth = b->smooth && (matched || f->high < SMOOTH_ROUGHNESS);
             b->rough = b->rough && !matched && f->low >= SMOOTH_ROUGHNESS;
@@ -139,7 +139,7 @@ static enum pell_result make_solids(struct pt_scene *s)
     }
     if (lo.x <= hi.x) {
         s->centre = vec3_mul(vec3_add(lo, hi), 0.5f);
-        s->unit = 1e-6f * fmaxf(extent(lo), extent(hi)) + 1e-12f;
+        s->epsilon = 1e-6f * fmaxf(extent(lo), extent(hi)) + 1e-12f;
         s->radius = 0.5 * (double) vec3_length(vec3_sub(hi, lo)) * 1.0001 + 1e-6;
     }
     return pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
@@ -164,8 +164,8 @@ static enum pell_result add_rough(struct pt_scene *s, float alpha, float eta)
     return PELL_OK;
 }
 
-/* Quantises a roughness to a step, and back. */
-static float step_alpha(const struct pt_roughness_step *f, int step)
+/* GGX alpha of a step of the range; 0: smooth. */
+static float step_alpha(const struct pt_roughness_range *f, int step)
 {
     const float r = f->steps > 1 ? f->low + (f->high - f->low) * ((float) step / (float) (f->steps - 1)) : f->high;
 
@@ -174,7 +174,7 @@ static float step_alpha(const struct pt_roughness_step *f, int step)
 
 float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit)
 {
-    const struct pt_roughness_step *f = &s->roughness_steps[hit->material];
+    const struct pt_roughness_range *f = &s->roughness_ranges[hit->material];
     const struct pell_material *m = &s->scene->materials[hit->material];
     float texel[4], step = 0.0f;
 
@@ -188,7 +188,7 @@ float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit)
 
 const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_hit *hit, float eta)
 {
-    const float alpha = s->roughness_steps[hit->material].high < SMOOTH_ROUGHNESS ? 0.0f : pt_alpha(s, hit);
+    const float alpha = s->roughness_ranges[hit->material].high < SMOOTH_ROUGHNESS ? 0.0f : pt_alpha(s, hit);
 
     for (size_t i = 0; alpha > 0.0f && i < s->num_rough; i++)
         if (s->rough[i].alpha == alpha && fabsf(s->rough[i].eta - eta) < 1e-5f)
@@ -196,7 +196,8 @@ const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_h
     return NULL;
 }
 
-static enum pell_result add_roughness_step(struct pt_scene *s, const struct pt_roughness_step *f, float eta)
+/* Adds the boundaries of all steps of a range. */
+static enum pell_result add_roughness_range(struct pt_scene *s, const struct pt_roughness_range *f, float eta)
 {
     enum pell_result res = PELL_OK;
 
@@ -213,12 +214,12 @@ static enum pell_result make_boundaries(struct pt_scene *s)
     for (size_t i = 0; i < s->solids->count; i++)
         for (size_t t = 0; t < s->solids->solids[i].num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
             const int m = mesh_of(s, i, t)->material;
-            if (s->roughness_steps[m].high < SMOOTH_ROUGHNESS || (t > 0 && m == mesh_of(s, i, t - 1)->material))
+            if (s->roughness_ranges[m].high < SMOOTH_ROUGHNESS || (t > 0 && m == mesh_of(s, i, t - 1)->material))
                 continue;
-            PELL_TRY(add_roughness_step(s, &s->roughness_steps[m], s->solid[i].medium.eta));
+            PELL_TRY(add_roughness_range(s, &s->roughness_ranges[m], s->solid[i].medium.eta));
             for (size_t k = 0; k < s->solids->count; k++)
                 if (k != i && s->solid[k].medium.eta > 0.0f)
-                    PELL_TRY(add_roughness_step(s, &s->roughness_steps[m], s->solid[i].medium.eta / s->solid[k].medium.eta));
+                    PELL_TRY(add_roughness_range(s, &s->roughness_ranges[m], s->solid[i].medium.eta / s->solid[k].medium.eta));
         }
 fail:
     return res;
@@ -243,7 +244,7 @@ static void map_range(const struct pell_texture_map *map, float range[2])
     }
 }
 
-static void set_roughness_steps(struct pt_scene *s)
+static void set_roughness_ranges(struct pt_scene *s)
 {
     const bool rough = s->knobs.boundary == PT_BOUNDARY_SETTINGS ? s->services->settings->boundary == PELL_BOUNDARY_MODEL_ROUGH
                                                                  : s->knobs.boundary == PT_BOUNDARY_ROUGH;
@@ -251,7 +252,7 @@ static void set_roughness_steps(struct pt_scene *s)
     for (size_t i = 0; i < s->scene->num_materials; i++) {
         const struct pell_material *m = &s->scene->materials[i];
         const float r = rough && !m->opaque ? fminf(m->roughness, 1.0f) : 0.0f;
-        struct pt_roughness_step *f = &s->roughness_steps[i];
+        struct pt_roughness_range *f = &s->roughness_ranges[i];
         float range[2] = { 1.0f, 1.0f };
         if (r >= SMOOTH_ROUGHNESS && m->roughness_map.texture) {
             map_range(&m->roughness_map, range);
@@ -382,7 +383,7 @@ void pt_scene_destroy(struct pt_scene **scene)
     pell_light_sampler_destroy(&s->light_sampler);
     pell_free(s->ctx, s->rough);
     pell_free(s->ctx, s->tint);
-    pell_free(s->ctx, s->roughness_steps);
+    pell_free(s->ctx, s->roughness_ranges);
     for (size_t i = 0; s->solid && i < s->solids->count; i++)
         pt_medium_finish(s->ctx, &s->solid[i].medium);
     pell_free(s->ctx, s->solid);
@@ -390,8 +391,8 @@ void pt_scene_destroy(struct pt_scene **scene)
     pell_free(s->ctx, s);
 }
 
-/* Whether the kernel of wavefront_kernel.h supports it. */
-static bool from_one_medium(const struct pt_medium *m)
+/* Homogeneous, with Henyey-Greenstein phase functions and a finite mean free path: what the kernel of wavefront_kernel.h supports. */
+static bool has_simple_medium(const struct pt_medium *m)
 {
     return m->homogeneous && m->layers == 1 && m->layer[0].hg && m->min_sigma_t > 1e-12f && m->min_sigma_t < INFINITY;
 }
@@ -404,14 +405,15 @@ static enum pell_result make_helpers(struct pt_scene *s)
     PELL_TRY(pell_light_sampler_create(s->ctx, s->scene, &s->light_sampler));
     for (size_t i = 0; i < s->solids->count; i++) {
         struct pt_solid *b = &s->solid[i];
-        const bool nee_done = (s->knobs.techniques & PT_CONNECT) && pell_light_sampler_count(s->light_sampler) > 0;
-        b->connects = b->smooth && nee_done;
-        b->near = b->rough && nee_done;
-        b->lanes = s->knobs.acceleration != PT_ACCELERATION_NONE && from_one_medium(&b->medium);
-        b->further = (s->knobs.techniques & PT_SPLIT) && b->smooth && from_one_medium(&b->medium) ? FURTHER / b->medium.min_sigma_t : 0.0f;
-        b->connect_mm = b->medium.min_sigma_t > 0.0f ? 1.0f / ((float) PT_REACH * b->medium.min_sigma_t) : INFINITY;
+        const bool connected = (s->knobs.techniques & PT_CONNECT) && pell_light_sampler_count(s->light_sampler) > 0;
+        b->connects = b->smooth && connected;
+        b->connects_rough = b->rough && connected;
+        b->lanes = s->knobs.acceleration != PT_ACCELERATION_NONE && has_simple_medium(&b->medium);
+        b->split_mm =
+            (s->knobs.techniques & PT_SPLIT) && b->smooth && has_simple_medium(&b->medium) ? SPLIT_RANGE / b->medium.min_sigma_t : 0.0f;
+        b->connect_mm = b->medium.min_sigma_t > 0.0f ? 1.0f / ((float) PT_RANGE_RATE * b->medium.min_sigma_t) : INFINITY;
         b->grid = s->knobs.acceleration == PT_ACCELERATION_GRID;
-        connects = connects || b->connects || b->near;
+        connects = connects || b->connects || b->connects_rough;
         grid = grid || b->grid;
     }
     if (connects)
@@ -444,11 +446,11 @@ enum pell_result pt_scene_create(const struct pell_services *services, const str
     PELL_TRY(pell_services_solids(services, &s->solids));
     res = PELL_ERR_NOMEM;
     s->solid = pell_calloc(ctx, s->solids->count + 1, sizeof(*s->solid));
-    s->roughness_steps = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->roughness_steps));
+    s->roughness_ranges = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->roughness_ranges));
     s->tint = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->tint));
-    if (!s->solid || !s->roughness_steps || !s->tint)
+    if (!s->solid || !s->roughness_ranges || !s->tint)
         goto fail;
-    set_roughness_steps(s);
+    set_roughness_ranges(s);
     PELL_TRY(make_solids(s));
     pt_set_tints(s);
     PELL_TRY(make_boundaries(s));
@@ -490,7 +492,7 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
     out->ng = vec3_normalize(pell_triangle_cross(p));
     if (vec3_dot(out->ng, out->ng) < 0.5f)
         out->ng = vec3_mul(w, -1.0f); /* degenerate */
-    out->unit = rounding_along(out->ng, p[0], p[1], p[2]);
+    out->epsilon = rounding_along(out->ng, p[0], p[1], p[2]);
     out->ns = out->ng;
     out->interpolated = false;
     if (s->knobs.normals == PT_NORMALS_SMOOTH && m->normal) {

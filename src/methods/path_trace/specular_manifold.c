@@ -11,7 +11,7 @@
 #include "methods/path_trace/path.h"
 
 #define MAX_SURFACES 32     /* maximum number of surfaces per chain */
-#define REACH 0.5           /* in optical depths: range of chains */
+#define RANGE_RATE 0.5      /* the range of chains is exponential, with this rate per optical depth */
 #define STEPS 16            /* of Newton's method */
 #define MAX_HALVINGS 5      /* per step */
 #define MAX_STEP 0.5        /* rad: per step */
@@ -27,7 +27,7 @@ struct kind {
     bool transmitted[MAX_SURFACES];
 };
 
-struct leg {
+struct segment {
     int solid; /* -1: outside */
     struct pell_vec3 x, w;
     float length;
@@ -35,7 +35,7 @@ struct leg {
 
 struct chain {
     struct kind kind;
-    struct leg leg[MAX_SURFACES];
+    struct segment segment[MAX_SURFACES];
     struct pell_dvec3 w0;           /* from the scatterer */
     struct pell_dvec3 at, w;        /* current point and direction */
     struct pell_dvec3 dp[2], dw[2]; /* derivatives under rotation of w0 about t0, t1 */
@@ -104,7 +104,7 @@ static struct pell_dvec3 plane_of(const struct pt_scene *s, const struct pt_hit 
 }
 
 /* Probability that a random chain reflects where both events are possible. */
-static double reflects(const struct query *q, const struct chain *c, const struct pt_medium_stack *after, double fresnel)
+static double reflection_probability(const struct query *q, const struct chain *c, const struct pt_medium_stack *after, double fresnel)
 {
     if (!(fresnel > 1e-7))
         return 0.0;
@@ -113,7 +113,7 @@ static double reflects(const struct query *q, const struct chain *c, const struc
     return fmin(fmax(fresnel, 0.2), 0.8);
 }
 
-/* Continues at a surface: as `through` says, or at random (NULL). False: impossible. */
+/* Continues at a surface: as `transmitted` says, or at random (NULL). False: impossible. */
 static bool interact(const struct query *q, struct chain *c, const struct pt_hit *hit, const bool *transmitted, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
@@ -122,7 +122,7 @@ static bool interact(const struct query *q, struct chain *c, const struct pt_hit
     const double side = enter ? 1.0 : -1.0;
     struct pt_medium_stack before, after;
     struct pell_dvec3 corner, ng = plane_of(s, hit, &corner), ns, dn[2];
-    struct leg *leg = &c->leg[c->kind.count];
+    struct segment *segment = &c->segment[c->kind.count];
     double along = dvec3_dot(c->w, ng), t, eta, r, cosine, square, ct = 0.0, fresnel;
     bool passes;
     float ignored;
@@ -132,7 +132,7 @@ static bool interact(const struct query *q, struct chain *c, const struct pt_hit
     t = dvec3_dot(dvec3_mad(corner, -1.0, c->at), ng) / along;
     if (!(t > 0.0))
         return false;
-    *leg = (struct leg) { solid, dvec3_narrow(c->at), dvec3_narrow(c->w), (float) t };
+    *segment = (struct segment) { solid, dvec3_narrow(c->at), dvec3_narrow(c->w), (float) t };
     if (solid >= 0)
         c->depth += t * (double) s->solid[solid].medium.min_sigma_t;
     c->at = dvec3_mad(c->at, t, c->w);
@@ -144,7 +144,7 @@ static bool interact(const struct query *q, struct chain *c, const struct pt_hit
         if (transmitted && !*transmitted)
             return false;
         c->kind.transmitted[c->kind.count++] = true;
-        c->from = vec3_mad(dvec3_narrow(c->at), enter ? -hit->unit : hit->unit, hit->ng);
+        c->from = vec3_mad(dvec3_narrow(c->at), enter ? -hit->epsilon : hit->epsilon, hit->ng);
         c->odd = true;
         return true;
     }
@@ -168,7 +168,7 @@ static bool interact(const struct query *q, struct chain *c, const struct pt_hit
     r = 1.0 / eta;
     square = 1.0 - r * r * (1.0 - cosine * cosine);
     fresnel = square > 0.0 ? (double) pt_fresnel((float) eta, (float) cosine, &ignored) : 1.0;
-    passes = transmitted ? *transmitted : fresnel < 1.0 && (double) pt_random(sampler) >= reflects(q, c, &after, fresnel);
+    passes = transmitted ? *transmitted : fresnel < 1.0 && (double) pt_random(sampler) >= reflection_probability(q, c, &after, fresnel);
     if (passes && !(square > 0.0 && fresnel < 1.0))
         return false;
     c->fraction *= passes ? 1.0 - fresnel : fresnel;
@@ -192,7 +192,7 @@ static bool interact(const struct query *q, struct chain *c, const struct pt_hit
     }
     c->w = dvec3_normalize(c->w);
     c->stack = passes ? after : before;
-    c->from = vec3_mad(dvec3_narrow(c->at), (dvec3_dot(c->w, ng) > 0.0) == (side > 0.0) ? hit->unit : -hit->unit, hit->ng);
+    c->from = vec3_mad(dvec3_narrow(c->at), (dvec3_dot(c->w, ng) > 0.0) == (side > 0.0) ? hit->epsilon : -hit->epsilon, hit->ng);
     c->kind.transmitted[c->kind.count++] = passes;
     return true;
 }
@@ -244,7 +244,7 @@ static int bounces_over(const struct query *q, const struct chain *c)
     int bounces = q->at->bounces;
 
     for (int i = 0; i < c->kind.count; i++)
-        bounces += c->leg[i].solid < 0;
+        bounces += c->segment[i].solid < 0;
     return bounces;
 }
 
@@ -260,8 +260,8 @@ static bool random_chain(const struct query *q, struct pt_sampler *sampler, stru
     start(q, w, t0, t1, c);
     for (;;) {
         struct pt_hit hit;
-        const bool has_hit = next(q, c, deepest, &hit), open = c->kind.count > 0 && c->stack.count == 0;
-        if (open && (!has_hit || pt_random(sampler) < 0.5f))
+        const bool has_hit = next(q, c, deepest, &hit), outside = c->kind.count > 0 && c->stack.count == 0;
+        if (outside && (!has_hit || pt_random(sampler) < 0.5f))
             return is_useful(q, c);
         if (!has_hit || !interact(q, c, &hit, NULL, sampler))
             return false;
@@ -377,10 +377,10 @@ static bool is_same(const struct chain *a, const struct chain *b)
 }
 
 /* Contribution of a chain over the probability of its solution. False: none. */
-static bool light_of(const struct query *q, const struct chain *c, struct pt_sampler *sampler, double out[3])
+static bool contribution_of(const struct query *q, const struct chain *c, struct pt_sampler *sampler, double out[3])
 {
     const struct pell_vec3 w = dvec3_narrow(c->w0), at = dvec3_narrow(c->at);
-    double distance, along;
+    double distance, across;
     const struct pell_dvec3 v = aim(q, c, &distance);
     float power[3], values[3];
     struct pell_dvec3 moved[2];
@@ -389,19 +389,19 @@ static bool light_of(const struct query *q, const struct chain *c, struct pt_sam
         return false;
     for (int k = 0; k < 2; k++)
         moved[k] = distance < INFINITY ? dvec3_mad(c->dp[k], distance, c->dw[k]) : c->dw[k];
-    along = fabs(dvec3_dot(dvec3_cross(moved[0], moved[1]), c->w));
-    if (!(along > 1e-30))
+    across = fabs(dvec3_dot(dvec3_cross(moved[0], moved[1]), c->w));
+    if (!(across > 1e-30))
         return false;
     pell_light_sampler_power_at(q->s->light_sampler, &q->source, at, power);
     pt_scatter_values(q->at, w, values);
     for (int k = 0; k < 3; k++)
-        out[k] =
-            (double) (q->at->beta[k] * values[k] * power[k] * c->tint[k]) * c->fraction / (along * q->source.pdf * exp(-REACH * c->depth));
+        out[k] = (double) (q->at->beta[k] * values[k] * power[k] * c->tint[k]) * c->fraction /
+                 (across * q->source.pdf * exp(-RANGE_RATE * c->depth));
     for (int i = 0; i < c->kind.count; i++) {
         float passed[3];
-        if (c->leg[i].solid < 0)
+        if (c->segment[i].solid < 0)
             continue;
-        pt_transmittance(q->s, c->leg[i].solid, c->leg[i].x, c->leg[i].w, c->leg[i].length, sampler, passed);
+        pt_transmittance(q->s, c->segment[i].solid, c->segment[i].x, c->segment[i].w, c->segment[i].length, sampler, passed);
         for (int k = 0; k < 3; k++)
             out[k] *= (double) passed[k];
     }
@@ -419,10 +419,10 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
     struct query q = { .s = s, .counts = counts, .at = at, .here = here, .beyond = beyond };
     const double least = CHAIN_FRACTION * s->typical;
     struct chain found, again;
-    double light[3], most, chance = 1.0;
+    double light[3], most, survival = 1.0;
     int trials = 0;
 
-    q.deepest = -log(pt_fine(&independent)) / REACH;
+    q.deepest = -log(pt_fine(&independent)) / RANGE_RATE;
     if (at->medium) {
         const double min_sigma_t = (double) s->solid[solid].medium.min_sigma_t, max_depth = 1.5 * q.deepest + 0.1;
         if (min_sigma_t * (double) safe > max_depth ||
@@ -435,12 +435,12 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
     if (!beyond && solid < 0 && !pt_bounce_allowed(s, at->bounces + 1)) /* the first surface would exceed the limit */
         return;
     if (!random_chain(&q, &independent, &found) || !solve(&q, &found) || !is_useful(&q, &found) ||
-        !pt_bounce_allowed(s, bounces_over(&q, &found)) || !light_of(&q, &found, &independent, light))
+        !pt_bounce_allowed(s, bounces_over(&q, &found)) || !contribution_of(&q, &found, &independent, light))
         return;
     most = fmax(light[0], fmax(light[1], light[2]));
     if (most < least) {
-        chance = most / least;
-        if (pt_fine(&independent) >= chance)
+        survival = most / least;
+        if (pt_fine(&independent) >= survival)
             return;
     }
     counts->chains++;
@@ -458,5 +458,5 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
         }
     } while (!random_chain(&q, &independent, &again) || !solve(&q, &again) || !is_same(&found, &again));
     for (int k = 0; k < 3; k++)
-        sum[k] += light[k] / chance * trials;
+        sum[k] += light[k] / survival * trials;
 }

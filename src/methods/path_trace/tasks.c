@@ -5,8 +5,8 @@
 #include "methods/path_trace/run.h"
 
 enum {
-    TILE = 512, /* pixels per call */
-    JOBS = 1024 /* samples traced per call */
+    POINTS = 512, /* pixels per call */
+    JOBS = 1024   /* samples traced per call */
 };
 
 void pt_count_range(const struct pt_run *run, const struct pt_film *film, uint32_t *least, uint32_t *most)
@@ -23,8 +23,8 @@ void pt_count_range(const struct pt_run *run, const struct pt_film *film, uint32
         missing = pt_film_missing(film, t, run->from, &next);
         any = true;
         *least = missing < *least ? missing : *least;
-        if (spans > 0 && film->spans[t * film->most_spans + spans - 1].end > *most)
-            *most = film->spans[t * film->most_spans + spans - 1].end;
+        if (spans > 0 && film->spans[t * film->span_capacity + spans - 1].end > *most)
+            *most = film->spans[t * film->span_capacity + spans - 1].end;
     }
     if (!any)
         *least = 0;
@@ -56,7 +56,7 @@ struct block {
 /* Blocks of a worker's next call, and their samples. */
 struct batch {
     struct block blocks[JOBS];
-    struct pt_point points[TILE];
+    struct pt_point points[POINTS];
     struct pt_job jobs[JOBS];
     int num_blocks, num_points, num_jobs;
 };
@@ -117,7 +117,7 @@ static bool do_tile(struct pt_run *run, uint32_t tile, struct batch *b, int work
         uint32_t end = next < run->target ? next : run->target;
 
         end = end - from > most ? from + most : end;
-        if (b->num_jobs + (int) (pixels * (end - from)) > JOBS || b->num_points + (int) pixels > TILE)
+        if (b->num_jobs + (int) (pixels * (end - from)) > JOBS || b->num_points + (int) pixels > POINTS)
             if (!do_blocks(run, b, worker))
                 return false;
         b->blocks[b->num_blocks++] = (struct block) { tile, { from, end } };
@@ -178,7 +178,7 @@ void pt_show(struct pt_run *run, double done)
 
 double pt_progress_of(const struct pt_goal *g, double samples)
 {
-    const double by_samples = g->most < PT_MOST ? samples / g->most : 0.0, by_error = samples / g->needed;
+    const double by_samples = g->most < PT_MAX_SAMPLES ? samples / g->most : 0.0, by_error = samples / g->needed;
     const double by_time = isfinite(g->deadline) ? (pell_seconds() - g->begin) / (g->deadline - g->begin) : 0.0;
 
     return fmax(by_samples, fmax(by_error, by_time));

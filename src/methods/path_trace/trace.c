@@ -60,7 +60,7 @@ void pt_trace_jobs(const struct pt_scene *s, struct pt_walker *walker, struct pt
 {
     const struct pt_point *point = NULL;
     struct pt_hit hit;
-    bool there = false;
+    bool found = false;
 
     if (walker->wavefront) {
         pt_wavefront_trace(s, walker, jobs, count);
@@ -69,10 +69,10 @@ void pt_trace_jobs(const struct pt_scene *s, struct pt_walker *walker, struct pt
     for (int i = 0; i < count; i++) {
         memset(&jobs[i].light, 0, sizeof(jobs[i].light));
         if (jobs[i].point != point)
-            there = pt_find(s, &walker->counts, jobs[i].point, &hit);
+            found = pt_find(s, &walker->counts, jobs[i].point, &hit);
         point = jobs[i].point;
-        walker->counts.lost += !there;
-        if (there)
+        walker->counts.lost += !found;
+        if (found)
             trace_one(s, walker, &hit, &jobs[i]);
     }
 }

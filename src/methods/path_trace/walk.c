@@ -64,7 +64,7 @@ void pt_scattering_event(struct pt_walk *p, const struct pt_scatterer *at, int s
         add(p, sum, p->scattered);
         memset(sum, 0, sizeof(sum));
     }
-    if (solid >= 0 && (s->solid[solid].connects || s->solid[solid].near) && p->stack.count == 1) {
+    if (solid >= 0 && (s->solid[solid].connects || s->solid[solid].connects_rough) && p->stack.count == 1) {
         const float fraction = p->scattered <= 1 ? 1.0f : s->solid[solid].fraction;
         if (!s->solid[solid].connects)
             pt_connect_rough(s, p->counts, solid, at, fraction, &p->selection, p->sampler, sum);
@@ -105,7 +105,7 @@ static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
     const int solid = pt_top(&p->stack);
     float albedo[3];
     const struct pell_vec3 n = pt_scatter_opaque(s, hit, p->w, p->sampler, albedo);
-    struct pt_scatterer at = { vec3_mad(hit->p, hit->unit, n), p->w, .n = n };
+    struct pt_scatterer at = { vec3_mad(hit->p, hit->epsilon, n), p->w, .n = n };
 
     p->hit_opaque = true;
     at.bounces = p->bounces;
@@ -144,7 +144,7 @@ struct boundary {
 static bool prepare_boundary(const struct pt_walk *p, const struct pt_hit *hit, struct boundary *b)
 {
     const float side = vec3_dot(p->w, hit->ng) < 0.0f ? 1.0f : -1.0f;
-    const bool closed = p->s->solid[hit->solid].closed; /* seen through the hole of an open surface */
+    const bool closed = p->s->solid[hit->solid].closed; /* only closed surfaces are hit in order */
     float outward;
 
     b->enter = side > 0.0f;
@@ -163,7 +163,7 @@ static bool prepare_boundary(const struct pt_walk *p, const struct pt_hit *hit, 
     return true;
 }
 
-static void go_on(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, bool transmitted)
+static void continue_path(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, bool transmitted)
 {
     if (transmitted)
         pt_tint(p->s, hit, !b->enter, p->beta); /* light travels in the opposite direction */
@@ -177,17 +177,26 @@ static void go_on(struct pt_walk *p, const struct pt_hit *hit, const struct boun
 static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, float length)
 {
     const struct pt_scene *s = p->s;
-    const int open = b->before.count == 0 ? 1 : b->after.count == 0 ? -1 : 0;
-    const bool nee_done = p->leaving && open < 0 && b->before.count == 1; /* for lights except the environment, from the scattering event */
+    const int outer_side = b->before.count == 0 ? 1 : b->after.count == 0 ? -1 : 0;
+    const bool nee_done =
+        p->leaving && outer_side < 0 && b->before.count == 1; /* for lights except the environment, from the scattering event */
     struct pt_scatterer at = {
-        hit->p, p->w, NULL, b->at.ng, b->rough, &b->at, hit->unit, { p->beta[0], p->beta[1], p->beta[2] }, p->bounces, { 1.0f, 1.0f, 1.0f }
+        .x = hit->p,
+        .w = p->w,
+        .n = b->at.ng,
+        .rough = b->rough,
+        .facing = &b->at,
+        .off = hit->epsilon,
+        .beta = { p->beta[0], p->beta[1], p->beta[2] },
+        .bounces = p->bounces,
+        .tint = { 1.0f, 1.0f, 1.0f },
     };
     bool transmitted;
 
     pt_tint(s, hit, !b->enter, at.tint);
-    if (open != 0 && (s->knobs.techniques & PT_LIGHT_SAMPLES)) {
+    if (outer_side != 0 && (s->knobs.techniques & PT_LIGHT_SAMPLES)) {
         double sum[3] = { 0.0, 0.0, 0.0 };
-        pt_next_event(s, p->counts, hit, &at, open, nee_done, p->sampler, sum);
+        pt_next_event(s, p->counts, hit, &at, outer_side, nee_done, p->sampler, sum);
         add(p, sum, p->scattered);
     }
     if (s->chains) {
@@ -210,12 +219,12 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
             p->exit.transmit = 1.0f;
         }
     }
-    go_on(p, hit, b, transmitted);
+    continue_path(p, hit, b, transmitted);
 }
 
 static void smooth_boundary(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, float u, float length)
 {
-    const struct pell_vec3 came = p->w;
+    const struct pell_vec3 incident = p->w;
     const bool leaving = p->leaving && b->after.count == 0 && b->before.count == 1 && !b->flat;
     float fresnel;
     bool wrong, transmitted = pt_smooth(&b->at, b->eta, u, &p->w, &fresnel, &wrong);
@@ -224,11 +233,11 @@ static void smooth_boundary(struct pt_walk *p, const struct pt_hit *hit, const s
     if (leaving && transmitted && !wrong) {
         p->last = PT_LAST_EXIT;
         p->exit.hit = *hit;
-        p->exit.w = came;
+        p->exit.w = incident;
         p->exit.length = length;
         p->exit.transmit = 1.0f - fresnel;
     }
-    go_on(p, hit, b, transmitted);
+    continue_path(p, hit, b, transmitted);
 }
 
 static void hit_solid(struct pt_walk *p, const struct pt_hit *hit, float length)
@@ -259,7 +268,7 @@ static void hit_solid(struct pt_walk *p, const struct pt_hit *hit, float length)
  * in channel c. The exiting path is traced at once, with that fraction of the throughput; the path continues with the rest, conditioned not
  * to leave: the densities of its collisions, and of being reflected, are divided by 1 - out_c (with the balance heuristic over channels, as
  * in distance_sampling.c). A path that ended at its first exit would sample the surface there only; this one samples many exits, and its
- * throughput decreases gradually. The decision to split is made before the length of the flight is known: for boundaries within `further`
+ * throughput decreases gradually. The decision to split is made before the length of the flight is known: for boundaries within `split_mm`
  * of the bound. */
 
 #define MIN_SPLIT 0.02f               /* smallest probability to leave for which a flight is split */
@@ -312,7 +321,7 @@ enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f)
     struct boundary b;
     float fresnel, cos_t, passed[3], arrived[3], out[3], outside[3], sum = 0.0f, density = 0.0f, u, near, most = 0.0f;
 
-    if (!f->found || p->stack.count != 1 || f->hit.solid != solid || !(f->hit.t <= f->bound + s->solid[solid].further))
+    if (!f->found || p->stack.count != 1 || f->hit.solid != solid || !(f->hit.t <= f->bound + s->solid[solid].split_mm))
         return PT_SPLIT_NOT;
     if (!prepare_boundary(p, &f->hit, &b) || b.enter || b.after.count > 0 || b.rough || b.flat) {
         p->counts->crossed = crossed;
@@ -332,7 +341,7 @@ enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f)
         return PT_SPLIT_NOT;
     for (int c = 0; c < 3; c++) {
         outside[c] = p->beta[c] * passed[c] * out[c] * (sum / density);
-        f->over[c] = 1.0f / fmaxf(1.0f - out[c], MIN_REMAINING);
+        f->inverse_stay[c] = 1.0f / fmaxf(1.0f - out[c], MIN_REMAINING);
     }
     trace_exit(p, &f->hit, &b, outside);
     /* Maps the rest of the flight beyond the bound to [0, 1), for the path that stays inside: below 1 - arrived it collides. */
@@ -346,7 +355,7 @@ enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f)
     density = 0.0f;
     for (int c = 0; c < 3; c++) {
         passed[c] *= arrived[c];
-        density += p->beta[c] * passed[c] * f->over[c];
+        density += p->beta[c] * passed[c] * f->inverse_stay[c];
     }
     for (int c = 0; c < 3; c++)
         p->beta[c] = density > 0.0f ? p->beta[c] * passed[c] * (sum / density) : 0.0f;
@@ -418,8 +427,8 @@ bool pt_step(struct pt_walk *p)
         hit_lights(p, has_hit ? (double) hit.t : INFINITY);
         return has_hit && pt_bounce_allowed(s, ++p->bounces) && pt_surface_event(p, &hit, hit.t);
     }
-    if (p->branches && s->solid[solid].further > 0.0f) {
-        struct pt_flight flight = { .further = s->solid[solid].further };
+    if (p->branches && s->solid[solid].split_mm > 0.0f) {
+        struct pt_flight flight = { .lookahead = s->solid[solid].split_mm };
         pt_sample_flight(s, p->counts, solid, &ray, p->beta, &p->safe, p->sampler, &flight);
         if (pt_split(p, &flight) == PT_SPLIT_REFLECTS)
             return roulette(p);

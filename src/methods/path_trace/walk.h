@@ -26,13 +26,12 @@ struct pt_walk {
     bool entered;    /* through its first surface; else it is the reflection */
     bool hit_opaque; /* an opaque surface reflected it */
     bool crossed;    /* a surface since the last scattering event */
-    bool
-        all_specular; /* a smooth surface on every edge between scattering events, since the camera or a rough surface: no light path can be
-                   * connected to it */
+    /* A smooth surface on every edge between scattering events, since the camera or a rough surface: no light path can be connected to it. */
+    bool all_specular;
     enum pt_last last;
     float density;                /* PT_LAST_SURFACE: of w, per sr */
-    struct pell_vec3 surface;     /* LAST_SURFACE: its point */
-    bool nee_done;                /* LAST_SURFACE: next-event estimation except for the environment was done at exit.from */
+    struct pell_vec3 surface;     /* PT_LAST_SURFACE: its point */
+    bool nee_done;                /* PT_LAST_SURFACE: next-event estimation except for the environment was done at exit.from */
     struct pt_exit exit;          /* for PT_LAST_EXIT, or after pt_should_connect; until then partly set */
     bool leaving;                 /* exit.from is the last vertex, without a surface since */
     float selection;              /* see pt_should_connect */

@@ -27,7 +27,7 @@ struct pt_wavefront {
     uint32_t live;
     uint32_t fresh;  /* rays start at the path's own origin, not at x: it comes from a surface */
     uint32_t single; /* every scattering event is handled individually */
-    uint32_t since;  /* it has scattered since it was put into its lane */
+    uint32_t moved;  /* it has scattered since it was put into its lane */
     bool waits;
     const struct pt_scene *s;
     struct pt_walker *walker;
@@ -71,7 +71,7 @@ static void store_lane(struct pt_wavefront *d, int l)
 {
     struct pt_wavefront_lanes *w = &d->w;
     struct pt_walk *p = &d->slot[l].p;
-    struct pell_vec3 came = { w->came[0][l], w->came[1][l], w->came[2][l] };
+    struct pell_vec3 incident = { w->incident[0][l], w->incident[1][l], w->incident[2][l] };
 
     p->x = vec3(w->x[0][l], w->x[1][l], w->x[2][l]);
     p->w = vec3(w->w[0][l], w->w[1][l], w->w[2][l]);
@@ -82,16 +82,16 @@ static void store_lane(struct pt_wavefront *d, int l)
     p->events = w->events[l];
     p->scattered = w->scattered[l];
     d->slot[l].sampler.state = w->state[l];
-    if (!(d->since >> l & 1))
+    if (!(d->moved >> l & 1))
         return;
     p->from = p->x;
     if (connects(d, p)) {
         const int solid = pt_top(&p->stack);
-        p->exit.from = (struct pt_scatterer) { .x = p->x, .w = came, .medium = &d->s->solid[solid].medium.layer[0] };
+        p->exit.from = (struct pt_scatterer) { .x = p->x, .w = incident, .medium = &d->s->solid[solid].medium.layer[0] };
         p->exit.solid = solid;
         p->exit.fraction = p->scattered <= 1 ? 1.0f : d->s->solid[solid].fraction;
         for (int c = 0; c < 3; c++)
-            p->exit.from.beta[c] = w->collided[c][l];
+            p->exit.from.beta[c] = w->collision_beta[c][l];
         p->leaving = true;
     }
 }
@@ -120,7 +120,7 @@ static void load_lane(struct pt_wavefront *d, int l)
     d->key[l] = key_of(p);
     d->live |= bit;
     d->fresh |= bit;
-    d->since &= ~bit;
+    d->moved &= ~bit;
     d->single |= bit; /* until its next scattering event */
 }
 
@@ -241,7 +241,7 @@ static bool fill(struct pt_wavefront *d, int l)
 
 /* --- Steps ---------------------------------------------------------------------------------------------------------------------------- */
 
-static int bits(uint32_t set)
+static int count_lanes(uint32_t set)
 {
     set = (set & 0x5555u) + (set >> 1 & 0x5555u);
     set = (set & 0x3333u) + (set >> 2 & 0x3333u);
@@ -252,7 +252,7 @@ static int bits(uint32_t set)
 static struct pt_wavefront_solid solid_data(const struct pt_scene *s, int solid, bool one)
 {
     const struct pt_solid *b = &s->solid[solid];
-    const float margin = 4.0f * s->unit;
+    const float margin = 4.0f * s->epsilon;
 
     return (struct pt_wavefront_solid) {
         .m = &b->medium.layer[0],
@@ -291,7 +291,7 @@ static bool lane_hits(struct pt_wavefront *d, int l, bool splits)
     case PT_SPLIT_COLLIDES:
         w->length[l] = f.length;
         for (int c = 0; c < 3; c++)
-            w->over[c][l] = f.over[c];
+            w->inverse_stay[c][l] = f.inverse_stay[c];
         return false;
     case PT_SPLIT_REFLECTS: break;
     }
@@ -302,7 +302,7 @@ static bool lane_hits(struct pt_wavefront *d, int l, bool splits)
 /* Handles the flights that hit a surface. */
 static uint32_t intersect(struct pt_wavefront *d, int solid, bool one, uint32_t set)
 {
-    const float further = one ? d->s->solid[solid].further : 0.0f;
+    const float split_mm = one ? d->s->solid[solid].split_mm : 0.0f;
     const struct pt_wavefront_lanes *w = &d->w;
     struct pell_ray_hit16 *r = &d->rays;
     _Alignas(64) int valid[PELL_PACKET];
@@ -317,7 +317,7 @@ static uint32_t intersect(struct pt_wavefront *d, int solid, bool one, uint32_t 
         r->ray.dy[l] = w->w[1][l];
         r->ray.dz[l] = w->w[2][l];
         r->ray.tnear[l] = 0.0f;
-        r->ray.tfar[l] = fmaxf(w->length[l], w->bound[l] + further);
+        r->ray.tfar[l] = fmaxf(w->length[l], w->bound[l] + split_mm);
         r->ray.time[l] = 0.0f;
         r->ray.mask[l] = PELL_RAY_ALL;
         r->ray.id[l] = (uint32_t) l;
@@ -330,12 +330,12 @@ static uint32_t intersect(struct pt_wavefront *d, int solid, bool one, uint32_t 
         r->ray.oz[l] = d->slot[l].p.from.z;
     }
     pell_rays_closest16(d->s->rays, valid, false, r);
-    d->walker->counts.rays += bits(set);
+    d->walker->counts.rays += count_lanes(set);
     for (uint32_t left = set; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
         if (r->hit.mesh[l] == PELL_NO_HIT)
             continue;
-        hits |= (uint32_t) lane_hits(d, l, further > 0.0f) << l;
+        hits |= (uint32_t) lane_hits(d, l, split_mm > 0.0f) << l;
     }
     return hits;
 }
@@ -360,14 +360,14 @@ static void estimate_direct(struct pt_wavefront *d, int l, int solid, bool conne
 {
     struct pt_walk *p = &d->slot[l].p;
 
-    d->since &= ~(1u << l);
+    d->moved &= ~(1u << l);
     store_lane(d, l);
     p->from = p->x;
     const struct pt_scatterer at = { p->x, p->w, &d->s->solid[solid].medium.layer[0], .beta = { p->beta[0], p->beta[1], p->beta[2] },
                                      .bounces = p->bounces };
     pt_scattering_event(p, &at, solid, connecting ? PT_CONNECTION_YES : PT_CONNECTION_NO);
     d->w.selection[l] = p->selection;
-    if (!p->all_specular && p->vertices == 0 && !d->s->solid[solid].near)
+    if (!p->all_specular && p->vertices == 0 && !d->s->solid[solid].connects_rough)
         d->single &= ~(1u << l);
 }
 
@@ -385,14 +385,14 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
         finish(d, l);
     }
     set &= ~cut;
-    counts->steps_without_ray += bits(set & ~rays);
+    counts->steps_without_ray += count_lanes(set & ~rays);
     if (rays)
         set &= ~intersect(d, solid, one, rays);
     if (!set)
         return;
     connecting = d->k->collide(&d->w, &data, set, &lost, &gone);
     set &= ~lost;
-    counts->scatterings += bits(set);
+    counts->scatterings += count_lanes(set);
     for (uint32_t left = lost; left; left &= left - 1)
         escape(d, __builtin_ctz(left));
     for (uint32_t left = gone; left; left &= left - 1)
@@ -403,7 +403,7 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
         estimate_direct(d, l, solid, connecting >> l & 1);
     }
     d->fresh &= ~set;
-    d->since |= set;
+    d->moved |= set;
     for (uint32_t left = d->k->scatter(&d->w, &data, set); left; left &= left - 1)
         finish(d, __builtin_ctz(left));
 }
@@ -417,7 +417,7 @@ void pt_wavefront_trace(const struct pt_scene *s, struct pt_walker *walker, stru
     d->jobs = jobs;
     d->count = count;
     d->next = 0;
-    d->live = d->fresh = d->single = d->since = 0;
+    d->live = d->fresh = d->single = d->moved = 0;
     d->waits = false;
     d->point = NULL;
     for (int i = 0; i < count; i++)
@@ -429,7 +429,7 @@ void pt_wavefront_trace(const struct pt_scene *s, struct pt_walker *walker, stru
                 break;
         if (!d->live || pt_stopped(s))
             return;
-        if (bits(d->live) <= FEW) {
+        if (count_lanes(d->live) <= FEW) {
             finish_alone(d);
             continue;
         }

@@ -163,7 +163,7 @@ INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const flo
 INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_lanes *w, uint32_t set, float *out)
 {
     _Alignas(64) int32_t cube[PT_LANES];
-    _Alignas(64) float away2[PT_LANES], steps[PT_LANES];
+    _Alignas(64) float offset2[PT_LANES], steps[PT_LANES];
 
     EACH(l)
     {
@@ -178,14 +178,14 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_
             off[k] = x - (g->low[k] + (__builtin_convertvector(at[k], vf) + 0.5f) * g->side);
         }
         store_int(cube + l, ((at[2] * g->size[1] + at[1]) * g->size[0] + at[0]) & inside);
-        store(away2 + l, off[0] * off[0] + off[1] * off[1] + off[2] * off[2]);
+        store(offset2 + l, off[0] * off[0] + off[1] * off[1] + off[2] * off[2]);
         set &= set_of(inside, l) | ~(((1u << WIDTH) - 1u) << l);
     }
     for (int l = 0; l < PT_LANES; l++)
         steps[l] = (float) g->steps[cube[l]];
     EACH(l)
     {
-        const vf known = load(steps + l) * g->unit, away = root(load(away2 + l)), b = known - (away + 5e-7f * (known + away));
+        const vf known = load(steps + l) * g->unit, offset = root(load(offset2 + l)), b = known - (offset + 5e-7f * (known + offset));
         store(out + l, select(mask_of(set, l) & (b > 0.0f), b, all(0.0f)));
     }
 }
@@ -195,8 +195,8 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_
 static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wavefront_solid *p, uint32_t on, uint32_t *cut)
 {
     const struct pt_coefficients *m = p->m;
-    _Alignas(64) float u[PT_LANES], path[PT_LANES], near[PT_LANES];
-    uint32_t connecting = 0, rays = 0;
+    _Alignas(64) float u[PT_LANES], mean_free_path[PT_LANES], grid_bound[PT_LANES];
+    uint32_t beyond_safe = 0, rays = 0;
 
     *cut = 0;
     EACH(l)
@@ -209,33 +209,33 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     if (m->gray) {
         EACH(l)
         {
-            store(path + l, all(m->mean_free_path[0]));
+            store(mean_free_path + l, all(m->mean_free_path[0]));
             store_int(w->channel + l, (vi) { 0 });
         }
     } else {
         uniform(w, on, u);
-        choose(w, u, m->mean_free_path, path, w->channel);
+        choose(w, u, m->mean_free_path, mean_free_path, w->channel);
     }
     chance(w, on, u);
     EACH(l)
     {
-        const vf length = -lanes_log(load(u + l)) * load(path + l), safe = load(w->safe + l);
+        const vf length = -lanes_log(load(u + l)) * load(mean_free_path + l), safe = load(w->safe + l);
         const vi free = length < safe, mask = mask_of(on, l);
         store(w->length + l, length);
         for (int c = 0; c < 3; c++)
-            store(w->over[c] + l, all(1.0f));
+            store(w->inverse_stay[c] + l, all(1.0f));
         put(w->safe + l, mask & free, safe - length);
-        connecting |= set_of(mask & ~free, l);
+        beyond_safe |= set_of(mask & ~free, l);
     }
-    if (!connecting)
+    if (!beyond_safe)
         return 0;
     if (p->grid)
-        bound(p->grid, w, connecting, near);
+        bound(p->grid, w, beyond_safe, grid_bound);
     EACH(l)
     {
-        const vf safe = p->grid ? load(near + l) - load(w->length + l) : all(0.0f);
-        const vi mask = mask_of(connecting, l), free = safe > 0.0f;
-        store(w->bound + l, p->grid ? greater(load(near + l), load(w->safe + l)) : load(w->safe + l));
+        const vf safe = p->grid ? load(grid_bound + l) - load(w->length + l) : all(0.0f);
+        const vi mask = mask_of(beyond_safe, l), free = safe > 0.0f;
+        store(w->bound + l, p->grid ? greater(load(grid_bound + l), load(w->safe + l)) : load(w->safe + l));
         put(w->safe + l, mask, select(free, safe, all(0.0f)));
         rays |= set_of(mask & ~free, l);
     }
@@ -246,7 +246,7 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
 static uint32_t select_connections(struct pt_wavefront_lanes *w, const struct pt_wavefront_solid *p, uint32_t on)
 {
     _Alignas(64) float reach[PT_LANES], near[PT_LANES];
-    uint32_t connecting = 0, turns = 0;
+    uint32_t connecting = 0, selected = 0;
 
     EACH(l)
     {
@@ -278,9 +278,9 @@ static uint32_t select_connections(struct pt_wavefront_lanes *w, const struct pt
         const vf selection = load(w->selection + l) + select(load_int(w->scattered + l) <= 1, all(1.0f), all(p->fraction));
         const vi mask = mask_of(connecting, l), has = selection >= 1.0f;
         put(w->selection + l, mask, select(has, selection - 1.0f, selection));
-        turns |= set_of(mask & has, l);
+        selected |= set_of(mask & has, l);
     }
-    return turns;
+    return selected;
 }
 
 static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_solid *p, uint32_t on, uint32_t *lost, uint32_t *gone)
@@ -305,13 +305,13 @@ static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_
         }
         if (m->gray) {
             for (int c = 0; c < 3; c++)
-                beta[c] *= m->sigma_s[c] / m->sigma_t[c] / load(w->over[c] + l);
+                beta[c] *= m->sigma_s[c] / m->sigma_t[c] / load(w->inverse_stay[c] + l);
         } else {
             vf density = all(0.0f), scale;
             sum = beta[0] + beta[1] + beta[2];
             for (int c = 0; c < 3; c++) {
                 t[c] = lanes_exp(-m->sigma_t[c] * length);
-                density += beta[c] * m->sigma_t[c] * t[c] * load(w->over[c] + l);
+                density += beta[c] * m->sigma_t[c] * t[c] * load(w->inverse_stay[c] + l);
             }
             scale = sum / density;
             for (int c = 0; c < 3; c++)
@@ -345,8 +345,8 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
         for (int k = 0; k < 3; k++) {
             from[k] = load(w->w[k] + l);
             beta[k] = load(w->beta[k] + l);
-            put(w->came[k] + l, mask, from[k]);
-            put(w->collided[k] + l, mask, beta[k]);
+            put(w->incident[k] + l, mask, from[k]);
+            put(w->collision_beta[k] + l, mask, beta[k]);
         }
         if (m->isotropic)
             lanes_uniform_sphere(load(u + l), load(v + l), to);
@@ -356,13 +356,13 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
             put(w->w[k] + l, mask, to[k]);
         if (!m->alike) {
             const vf cosine = from[0] * to[0] + from[1] * to[1] + from[2] * to[2];
-            vf value[3], hit_opaque, scale;
+            vf value[3], density, scale;
             for (int c = 0; c < 3; c++)
                 value[c] = lanes_hg(m->g[c], cosine);
-            hit_opaque = beta[0] * value[0] + beta[1] * value[1] + beta[2] * value[2];
-            scale = (beta[0] + beta[1] + beta[2]) / hit_opaque;
+            density = beta[0] * value[0] + beta[1] * value[1] + beta[2] * value[2];
+            scale = (beta[0] + beta[1] + beta[2]) / density;
             for (int c = 0; c < 3; c++) {
-                beta[c] = select(hit_opaque > 0.0f, beta[c] * (value[c] * scale), beta[c]);
+                beta[c] = select(density > 0.0f, beta[c] * (value[c] * scale), beta[c]);
                 put(w->beta[c] + l, mask, beta[c]);
             }
         }
@@ -377,10 +377,10 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
     EACH(l)
     {
         const vf now = load(v + l), scale = p->roulette / now;
-        const vi mask = mask_of(low, l), over = load(u + l) * p->roulette >= now;
+        const vi mask = mask_of(low, l), terminated = load(u + l) * p->roulette >= now;
         for (int c = 0; c < 3; c++)
-            put(w->beta[c] + l, mask & ~over, load(w->beta[c] + l) * scale);
-        dead |= set_of(mask & over, l);
+            put(w->beta[c] + l, mask & ~terminated, load(w->beta[c] + l) * scale);
+        dead |= set_of(mask & terminated, l);
     }
     return dead;
 }

@@ -4,8 +4,8 @@
  * in homogeneous solids with a Henyey-Greenstein phase function common to all channels. Surfaces and next-event estimation are handled path
  * by path (wavefront.c).
  */
-#ifndef PELL_PATH_TRACE_STEPS_H
-#define PELL_PATH_TRACE_STEPS_H
+#ifndef PELL_PATH_TRACE_WAVEFRONT_KERNEL_H
+#define PELL_PATH_TRACE_WAVEFRONT_KERNEL_H
 
 #include "base/simd.h"
 #include "methods/path_trace/path.h"
@@ -17,11 +17,11 @@ struct pt_wavefront_lanes {
     _Alignas(64) float x[3][PT_LANES];
     float w[3][PT_LANES];
     float beta[3][PT_LANES];
-    float came[3][PT_LANES];     /* direction before the last scattering event */
-    float collided[3][PT_LANES]; /* beta before the last phase function, including the collision */
+    float incident[3][PT_LANES];       /* direction before the last scattering event */
+    float collision_beta[3][PT_LANES]; /* beta before the last phase function, including the collision */
     float safe[PT_LANES], selection[PT_LANES], length[PT_LANES];
-    float bound[PT_LANES];   /* of flights that need a ray: see struct pt_flight */
-    float over[3][PT_LANES]; /* see struct pt_flight */
+    float bound[PT_LANES];           /* of flights that need a ray: see struct pt_flight */
+    float inverse_stay[3][PT_LANES]; /* see struct pt_flight */
     int32_t channel[PT_LANES];
     int32_t events[PT_LANES], scattered[PT_LANES];
     uint32_t at[PT_LANES]; /* state of the sampler */

@@ -42,13 +42,13 @@ INLINE float pell_ss_jitter(int turn)
     return ((float) ((turn * 37 + 11) & (SCREEN_TURNS - 1)) + 0.5f) * (1.0f / SCREEN_TURNS);
 }
 
-/* Of a block's lanes, by halves. */
+/* Vectors for reductions of a block's lanes, by halves. */
 typedef float v8 __attribute__((vector_size(32)));
 typedef float v4 __attribute__((vector_size(16)));
 typedef int32_t i8 __attribute__((vector_size(32)));
 typedef int32_t i4 __attribute__((vector_size(16)));
 
-INLINE float top(const float *v)
+INLINE float max_of(const float *v)
 {
     v8 a, b;
     v4 c, d;
@@ -98,28 +98,28 @@ struct block {
     bool bare;                                                      /* and nothing was blurred before */
     float after, before;                                            /* if uniform: mm^2 after and before the step */
     _Alignas(64) float afters[SCREEN_BLOCK], befores[SCREEN_BLOCK]; /* otherwise */
-    int active;                                                     /* mask of the lanes that are blurred */
+    int num_active;                                                 /* number of lanes that are blurred */
     int count, stride;                                              /* taps per side, and the distance between them in pixels */
     float skew;                                                     /* of the line of taps along y, see struct screen_cell */
 };
 
 /* Variance of the chain after `step`, mm^2. */
-INLINE float variance_of(const struct screen_work *w, int step, int owner)
+INLINE float variance_of(const struct screen_work *w, int step, int material)
 {
-    return w->variance[(size_t) step * (w->num_materials + 1) + (size_t) owner];
+    return w->variance[(size_t) step * (w->num_materials + 1) + (size_t) material];
 }
 
 /* Variance before the current step where a material's pixels have this scale; returns whether the step blurs them. */
-INLINE bool applied(const struct screen_work *w, int owner, float scale, float *before)
+INLINE bool applied(const struct screen_work *w, int material, float scale, float *before)
 {
     float last = 0.0f;
 
     for (int step = 0; step < w->step; step++) {
-        const float v = variance_of(w, step, owner);
+        const float v = variance_of(w, step, material);
         last = (v - last) * scale > w->skip ? v : last;
     }
     *before = last;
-    return (variance_of(w, w->step, owner) - last) * scale > w->skip;
+    return (variance_of(w, w->step, material) - last) * scale > w->skip;
 }
 
 /* The lanes that the step blurs, and their variances. False: none. */
@@ -130,33 +130,33 @@ INLINE bool choose(const struct screen_work *w, size_t index, const struct scree
     float before;
 
     b->uniform = false;
-    b->active = 0;
-    if (cell->owner != SCREEN_MIXED) {
+    b->num_active = 0;
+    if (cell->material != SCREEN_MIXED) {
         /* Fast path: each step so far blurs the whole block, as in most blocks. */
-        if (cell->pixels > 0 && w->min_added[(size_t) w->step * (w->num_materials + 1) + cell->owner] * cell->scale[0] > w->skip) {
+        if (cell->pixels > 0 && w->min_added[(size_t) w->step * (w->num_materials + 1) + cell->material] * cell->scale[0] > w->skip) {
             b->uniform = true;
-            b->before = w->step > 0 ? variance_of(w, w->step - 1, cell->owner) : 0.0f;
-            b->after = variance_of(w, w->step, cell->owner);
-            b->active = cell->pixels;
+            b->before = w->step > 0 ? variance_of(w, w->step - 1, cell->material) : 0.0f;
+            b->after = variance_of(w, w->step, cell->material);
+            b->num_active = cell->pixels;
             return true;
         }
         /* Each decision is monotonic in the scale: if the extremes agree in all of them, so do the lanes in between. */
-        low = applied(w, cell->owner, cell->scale[0], &before);
-        high = applied(w, cell->owner, cell->scale[1], &b->before);
+        low = applied(w, cell->material, cell->scale[0], &before);
+        high = applied(w, cell->material, cell->scale[1], &b->before);
         if (low == high && before == b->before) {
             b->uniform = true;
-            b->after = high ? variance_of(w, w->step, cell->owner) : 0.0f;
-            b->active = high ? cell->pixels : 0;
+            b->after = high ? variance_of(w, w->step, cell->material) : 0.0f;
+            b->num_active = high ? cell->pixels : 0;
             return high;
         }
     }
     for (int l = 0; l < SCREEN_BLOCK; l++) {
         const bool on = applied(w, (int) key[l], scale[l], &before);
-        b->active += on;
+        b->num_active += on;
         b->afters[l] = on ? variance_of(w, w->step, (int) key[l]) : 0.0f;
         b->befores[l] = on ? before : 0.0f;
     }
-    return b->active > 0;
+    return b->num_active > 0;
 }
 
 /* --- Stages -------------------------------------------------------------------------------------------------------------------- */
@@ -166,8 +166,8 @@ struct job {
     const struct screen_cell *cell;
     int x, low, high; /* the block's first pixel; taps on either side that are inside */
     struct block b;
-    _Alignas(64) float fall[SCREEN_BLOCK], fraction[SCREEN_BLOCK];   /* see struct centre; fraction of a tap's weight in the result */
-    _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK]; /* sums over taps */
+    _Alignas(64) float kernel_scale[SCREEN_BLOCK], fraction[SCREEN_BLOCK]; /* see struct centre; fraction of a tap's weight in the result */
+    _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK];       /* sums over taps */
 };
 
 /* Sum a block's taps into job->weight and job->light. `row`: input, at pixel 0. The first three are for perspective images of one

@@ -44,16 +44,16 @@ float kernel_of(float shifted)
 float grid_difference(float u1, float u0)
 {
     const vec2 u = vec2(u1, u0), low = min(u, vec2(WIDE)), low3 = low * low * low;
-    const vec2 a = GRID_A(low3), b = GRID_B(low3 * low), over = GRID_OVER(low, low3, a, b), under = a * b, rest = u - low;
+    const vec2 a = GRID_A(low3), b = GRID_B(low3 * low), numerator = GRID_NUMERATOR(low, low3, a, b), denominator = a * b, rest = u - low;
 
-    return (over.x * under.y - over.y * under.x) / (under.x * under.y) + (rest.x - rest.y);
+    return (numerator.x * denominator.y - numerator.y * denominator.x) / (denominator.x * denominator.y) + (rest.x - rest.y);
 }
 
 // The pixel that is blurred.
 struct Centre {
     ivec2 p;
     vec2 own;      // depth, length along the axis, mm
-    float off_line;  // AXIS 1: |Tx|
+    float across;  // AXIS 1: |Tx|
     float scale;
     vec4 light;    // with its material
 };
@@ -64,14 +64,14 @@ struct Gathered {
     float weight;
 };
 
-// A tap `pace` pixels away. The points of two pixels differ by h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap.
-void tap(const Centre c, int pace, float skew, vec2 t, float fall, inout Gathered g)
+// The tap `ahead` pixels along the line. The points of two pixels differ by h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap.
+void tap(const Centre c, int ahead, float skew, vec2 t, float kernel_scale, inout Gathered g)
 {
-    ivec2 offset = along(pace);
+    ivec2 offset = along(ahead);
     float off_line = 0.0;
 
     if (AXIS == 1 && skew != 0.0) {
-        const float exact = -skew * float(pace);
+        const float exact = -skew * float(ahead);
         offset.x = exact < 0.0 ? -int(0.5 - exact) : int(exact + 0.5);
         off_line = float(offset.x) - exact;
     }
@@ -82,9 +82,9 @@ void tap(const Centre c, int pace, float skew, vec2 t, float fall, inout Gathere
     if (light.w != c.light.w)
         return;
     const vec2 other = geometry[i];
-    const float dz = other.x - c.own.x, h = fall * (other.x * pc.depth_mm + pc.fixed_mm);
-    const vec3 offset_mm = vec3(h * vec2(offset) + fall * dz * t, fall * dz);
-    const float across_mm = off_line * c.off_line * fall; // from the line that the tap represents, along x
+    const float dz = other.x - c.own.x, h = kernel_scale * (other.x * pc.depth_mm + pc.fixed_mm);
+    const vec3 offset_mm = vec3(h * vec2(offset) + kernel_scale * dz * t, kernel_scale * dz);
+    const float across_mm = off_line * c.across * kernel_scale; // from the line that the tap represents, along x
     const float y = max(dot(offset_mm, offset_mm) - across_mm * across_mm, 0.0);
     const float weight = (kernel_of(min(y, Y_MAX) + Y_SHIFT) - kernel_of(Y_MAX + Y_SHIFT)) * other.y;
 
@@ -100,7 +100,7 @@ vec3 blur_surface(const Centre c, ivec4 plan, vec2 mm2)
     const float to_px = len > 0.0 ? c.scale * mm * mm / (len * len) : 0.0;
     const float add = grid_difference(mm2.y * to_px, mm2.x * to_px);
     const float inverse = 1.0 / (sqrt(max(add, S2_MIN)) * (len > 0.0 ? len : 1.0));
-    const float mixed = max(min(add / S2_MIN_VARIANCE, 1.0), 0.0), fall = inverse * K_SCALE_ROOT;
+    const float mixed = max(min(add / S2_MIN_VARIANCE, 1.0), 0.0), kernel_scale = inverse * K_SCALE_ROOT;
     const vec2 t = ray_of(c.p);
     float fraction = inverse * mixed * (K_NORM * float(stride));
     Gathered g = Gathered(vec3(0.0), 0.0);
@@ -109,8 +109,8 @@ vec3 blur_surface(const Centre c, ivec4 plan, vec2 mm2)
         const ivec2 reach = along(j * stride);
         if (!is_inside(c.p - reach) && !is_inside(c.p + reach))
             break;
-        tap(c, -j * stride, intBitsToFloat(plan.y), t, fall, g);
-        tap(c, j * stride, intBitsToFloat(plan.y), t, fall, g);
+        tap(c, -j * stride, intBitsToFloat(plan.y), t, kernel_scale, g);
+        tap(c, j * stride, intBitsToFloat(plan.y), t, kernel_scale, g);
     }
     const float weight = g.weight * fraction;
     const float keep = max(1.0 - weight, 0.0);
@@ -139,7 +139,7 @@ vec3 blur_paper(const Centre c, float added)
     const float weights[7] = float[](0.006, 0.061, 0.242, 0.382, 0.242, 0.061, 0.006);
     const float span = min(SCREEN_SPAN * sqrt(added * c.scale) * paper_slope(c), 262144.0);
     vec3 light = vec3(0.0);
-    float all = 0.0;
+    float total_weight = 0.0;
 
     for (int t = 0; t < 7; t++) {
         const float offset = float(t - 3) * (1.0 / 3.0) * span, base = floor(offset), between = offset - base;
@@ -148,11 +148,11 @@ vec3 blur_paper(const Centre c, float added)
             const float fraction = weights[t] * (k == 0 ? 1.0 - between : between);
             if (!is_inside(q) || from[pixel_at(q)].w != c.light.w)
                 continue;
-            all += fraction;
+            total_weight += fraction;
             light += fraction * from[pixel_at(q)].rgb;
         }
     }
-    return light / all;
+    return light / total_weight;
 }
 
 void main()

@@ -20,7 +20,7 @@ struct edges {
     double coord[EDGES], integral[EDGES];
 };
 
-static void find_edges(const struct pell_separable *s, int term, int channel, double over, struct edges *e)
+static void find_edges(const struct pell_separable *s, int term, int channel, double divisor, struct edges *e)
 {
     double sum = 0.5 * s->weight[term][HALF][channel];
 
@@ -30,7 +30,7 @@ static void find_edges(const struct pell_separable *s, int term, int channel, do
         if (i > 0)
             sum += s->weight[term][HALF + i][channel];
         e->coord[i + 1] = sqrt(0.5 * (at + next) / s->extent_mm);
-        e->integral[i + 1] = sum / over;
+        e->integral[i + 1] = sum / divisor;
     }
 }
 
@@ -78,12 +78,12 @@ static void make(const struct pell_separable *s, int channel, struct screen_fact
     for (int k = 0; k < s->rank; k++) {
         struct edges e;
         if (!(root > 0.0)) { /* no light scatters: all of it stays */
-            terms[k].pass[channel] = terms[k].sign[channel] = k == 0 ? 1.0f : 0.0f;
+            terms[k].integral[channel] = terms[k].sign[channel] = k == 0 ? 1.0f : 0.0f;
             continue;
         }
         find_edges(s, k, channel, root, &e);
         fill(&e, channel, &terms[k]);
-        terms[k].pass[channel] = (float) (2.0 * e.integral[EDGES - 1]);
+        terms[k].integral[channel] = (float) (2.0 * e.integral[EDGES - 1]);
         terms[k].sign[channel] = (float) s->sign[k][channel];
     }
 }
@@ -93,7 +93,7 @@ static double energy_error(const struct pell_profile *p, const struct screen_fac
 {
     enum { CELLS = 128, ROWS = 4, STEPS = CELLS * ROWS };
     const double square = extent / ((double) STEPS * STEPS);
-    double value[PELL_KERNEL_RANK_MAX][CELLS], middle[CELLS], width[CELLS], wrong = 0.0, all = 0.0;
+    double value[PELL_KERNEL_RANK_MAX][CELLS], middle[CELLS], width[CELLS], error2 = 0.0, norm2 = 0.0;
 
     for (int i = 0; i < CELLS; i++) {
         const int row = ROWS * i + ROWS / 2;
@@ -106,15 +106,15 @@ static double energy_error(const struct pell_profile *p, const struct screen_fac
     }
     for (int i = 0; i < CELLS; i++)
         for (int j = 0; j <= i; j++) {
-            const double area = width[i] * width[j] * (j < i ? 2.0 : 1.0), should = pell_profile_eval(p, hypot(middle[i], middle[j]));
-            double is = 0.0;
+            const double area = width[i] * width[j] * (j < i ? 2.0 : 1.0), expected = pell_profile_eval(p, hypot(middle[i], middle[j]));
+            double actual = 0.0;
             for (int k = 0; k < rank; k++)
-                is += (double) terms[k].sign[channel] * value[k][i] * value[k][j];
-            is *= pell_profile_total(p);
-            wrong += area * (is - should) * (is - should);
-            all += area * should * should;
+                actual += (double) terms[k].sign[channel] * value[k][i] * value[k][j];
+            actual *= pell_profile_total(p);
+            error2 += area * (actual - expected) * (actual - expected);
+            norm2 += area * expected * expected;
         }
-    return all > 0.0 ? sqrt(wrong / all) : 0.0;
+    return norm2 > 0.0 ? sqrt(error2 / norm2) : 0.0;
 }
 
 /* Profiles with a singularity at r = 0 (single scattering goes like 1/r) have all of their square norm there, and the best kernel in that

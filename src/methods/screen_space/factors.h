@@ -14,7 +14,7 @@
 /* A term of a material's kernel, for a profile normalised to 1. */
 struct screen_factor {
     _Alignas(64) float cubic[3][4][SCREEN_FACTOR_PARTS]; /* of R, G, B: see pell_ss_factor_integral */
-    float pass[3];                                       /* the integral over all x */
+    float integral[3];                                   /* the integral over all x */
     float sign[3];
 };
 

@@ -38,7 +38,7 @@
 #define WIDE 16.0f
 #define GRID_A(u3) ((u3) + G1)
 #define GRID_B(u4) ((u4) + G3)
-#define GRID_OVER(u, u3, a, b) ((u3) * (((u) + 1.0f / 12.0f) * (b) + G2 * (a)))
+#define GRID_NUMERATOR(u, u3, a, b) ((u3) * (((u) + 1.0f / 12.0f) * (b) + G2 * (a)))
 
 #define JUMP 4.0f          /* in pixel sizes: a larger change of depth between pixels may be a silhouette */
 #define CREASE 0.5f        /* a larger second difference of depth would be missed by wide gaps */

@@ -9,26 +9,26 @@
 
 /* grid_variance as a fraction: formulas.h. */
 struct ratio {
-    vf over, under, rest;
+    vf numerator, denominator, rest;
 };
 
 INLINE struct ratio grid_ratio(vf u)
 {
     const vf low = lesser(u, (vf) { 0 } + WIDE), u2 = low * low, u3 = u2 * low, u4 = u2 * u2, a = GRID_A(u3), b = GRID_B(u4);
-    return (struct ratio) { GRID_OVER(low, u3, a, b), a * b, u - low };
+    return (struct ratio) { GRID_NUMERATOR(low, u3, a, b), a * b, u - low };
 }
 
 INLINE vf grid_variance(vf u)
 {
     const struct ratio r = grid_ratio(u);
-    return r.over / r.under + r.rest;
+    return r.numerator / r.denominator + r.rest;
 }
 
 /* grid_variance(u1) - grid_variance(u0), with one division. */
 INLINE vf grid_difference(vf u1, vf u0)
 {
     const struct ratio r1 = grid_ratio(u1), r0 = grid_ratio(u0);
-    return (r1.over * r0.under - r0.over * r1.under) / (r1.under * r0.under) + (r1.rest - r0.rest);
+    return (r1.numerator * r0.denominator - r0.numerator * r1.denominator) / (r1.denominator * r0.denominator) + (r1.rest - r0.rest);
 }
 
 /* Whether a line of taps stays in smooth blocks. A skewed line must stay within the columns that it crosses. */
@@ -98,7 +98,7 @@ INLINE void scale_kernel(const struct screen_work *w, size_t index, int axis, st
         const vf add = b->wide ? u1 - u0 : b->bare ? grid_variance(u1) : grid_difference(u1, u0);
         const vf inverse = one / (root(greater(add, zero + S2_MIN)) * a), mix = greater(lesser(add * (1.0f / S2_MIN_VARIANCE), one), zero);
 
-        store(job->fall + part, inverse * K_SCALE_ROOT);
+        store(job->kernel_scale + part, inverse * K_SCALE_ROOT);
         store(job->fraction + part, inverse * mix * (K_NORM * (float) b->stride));
     }
 }
@@ -140,11 +140,11 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
         for (int l = 0; before == some && l < SCREEN_BLOCK; l++) /* the caller's plane may end inside the block */
             if (w->key[index + (size_t) l] > 0.0f)
                 some[l] = sum[l];
-        if (cell->owner == SCREEN_MIXED)
+        if (cell->material == SCREEN_MIXED)
             for (int l = 0; l < SCREEN_BLOCK; l++)
                 fractions[l] = w->blend[row + (size_t) w->key[index + (size_t) l]][i];
         for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
-            vf fraction = cell->owner == SCREEN_MIXED ? load(fractions + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
+            vf fraction = cell->material == SCREEN_MIXED ? load(fractions + part) : (vf) { 0 } + w->blend[row + cell->material][i];
             if (on)
                 fraction *= load(on + part);
             store(mixed + part, load(before + part) * (1.0f - fraction) + load(&light[i][part]) * fraction);
@@ -188,7 +188,7 @@ PELL_FETCHING_INLINE void prepare(const struct screen_work *w, int block, int y,
             pell_fetch_to_write(w->out->light[i] + (y + 1) * w->in->shape.stride + x);
     }
     if ((w->forms & SCREEN_FORM_PAPER_EDGES) || !choose(w, index, job->cell, &job->b)) {
-        job->b.active = 0;
+        job->b.num_active = 0;
         return;
     }
     space(w, index, block, axis, job->cell, &job->b);
@@ -225,7 +225,7 @@ PELL_FETCHING_INLINE int blur_row(const struct screen_work *w, int y, int axis, 
             if (cell_at(w, block, y)->contents != SCREEN_EMPTY)
                 prepare(w, block, y, axis, from, to, &jobs[count++]);
         for (int k = 0; k < count; k++)
-            if (jobs[k].b.active == 0)
+            if (jobs[k].b.num_active == 0)
                 continue;
             else if (w->several || w->depth_mm == 0.0f)
                 PELL_SIMD(screen_gather_any)(w, y, axis, from, &jobs[k]);
@@ -239,7 +239,7 @@ PELL_FETCHING_INLINE int blur_row(const struct screen_work *w, int y, int axis, 
             const int x = jobs[k].x;
             const size_t index = (size_t) (y * w->stride + x);
             _Alignas(64) float result[3][SCREEN_BLOCK], on[SCREEN_BLOCK];
-            int blurred = jobs[k].b.active;
+            int blurred = jobs[k].b.num_active;
 
             if (paper)
                 blurred = PELL_SIMD(screen_gather_listing)(w, y, axis, &jobs[k], from, result, on);

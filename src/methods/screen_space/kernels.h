@@ -17,13 +17,13 @@ enum { SCREEN_MIXED = 0xffff }; /* as a block's material: several materials */
 
 /* Summary of a block of 16 pixels in a row. Minima and maxima are over the pixels that can be blurred. */
 struct screen_cell {
-    uint16_t owner;    /* material of all its translucent pixels, or SCREEN_MIXED */
+    uint16_t material; /* material of all its translucent pixels, or SCREEN_MIXED */
     uint8_t contents;  /* enum screen_contents */
     uint8_t pixels;    /* number of pixels that can be blurred */
     float scale[2];    /* minimum, maximum */
     float to_px[2][2]; /* per axis: minimum, maximum */
     bool smooth;       /* full, of one material, and without depth discontinuities */
-    uint16_t clear[2]; /* pixels before and after it, along each axis, in smooth blocks */
+    uint16_t clear[2]; /* pixels in smooth blocks on either side of it, the smaller number, along each axis */
     float skew;        /* of the second pass: decrease of x in pixels per pixel of y */
 };
 

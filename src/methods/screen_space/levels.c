@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * levels.c - interpolation between the two blurs nearest to a pixel's scale, and blending of partial sums of Gaussians.
+ * levels.c - the scattering level at which blurs have their size in mm, and weights that blend partial sums of Gaussians.
  */
 #include "methods/screen_space/screen_space.h"
 

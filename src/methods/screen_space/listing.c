@@ -32,7 +32,7 @@ INLINE float paper_slope(const struct screen_work *w, size_t index, int x, int y
 static const float weights[7] = { 0.006f, 0.061f, 0.242f, 0.382f, 0.242f, 0.061f, 0.006f };
 
 struct taps {
-    float sum[3], all;
+    float sum[3], weight;
 };
 
 /* A bilinear tap: mean of the pixels around it that are in the mask. */
@@ -50,7 +50,7 @@ INLINE void add_tap(const struct screen_work *w, size_t index, int x, int y, con
         if (!(fraction > 0.0f) || x + ox < w->block0 * SCREEN_BLOCK || x + ox >= w->block1 * SCREEN_BLOCK || y + oy < w->in->rect.y0 ||
             y + oy >= w->in->rect.y1 || w->key[(ptrdiff_t) index + by] != w->key[index])
             continue;
-        taps->all += fraction;
+        taps->weight += fraction;
         for (int i = 0; i < 3; i++)
             taps->sum[i] += fraction * light[i][by];
     }
@@ -91,8 +91,8 @@ int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axi
             const float offset = ((float) (t - 3) + shift) * (1.0f / 3.0f);
             add_tap(w, at, x + l, y, (const float[2]) { offset * step_dir[0], offset * step_dir[1] }, weights[t], light, &taps);
         }
-        for (int i = 0; i < 3 && taps.all > 0.0f; i++) /* no tap of a rotated and shifted line may be on the surface */
-            result[i][l] = taps.sum[i] / taps.all;
+        for (int i = 0; i < 3 && taps.weight > 0.0f; i++) /* no tap of a rotated and shifted line may be on the surface */
+            result[i][l] = taps.sum[i] / taps.weight;
     }
-    return b.active;
+    return b.num_active;
 }

@@ -8,8 +8,8 @@
 #include "render/material_id.h"
 
 /* Determines the materials of a block; lanes x0 to x1 are in the rectangle. */
-INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int x1, float *restrict owners, struct screen_cell *cell,
-                        int *low, int *high)
+INLINE void find_materials(const struct screen_work *w, ptrdiff_t from, int x0, int x1, float *restrict materials, struct screen_cell *cell,
+                           int *low, int *high)
 {
     const uint16_t *material = w->in->material + from;
     int first = 0, last = 0, count = 0;
@@ -23,13 +23,13 @@ INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int
         first = last = material[0];
         count = SCREEN_BLOCK;
         for (int l = 0; l < SCREEN_BLOCK; l++)
-            owners[l] = (float) first;
+            materials[l] = (float) first;
     } else {
         for (int l = x0; l < x1; l++) {
             const int m = pell_material_id(w->in, from + l);
             first = m > 0 && (first == 0 || m < first) ? m : first;
             last = m > last ? m : last;
-            owners[l] = (float) m;
+            materials[l] = (float) m;
             count += m > 0;
         }
     }
@@ -38,7 +38,7 @@ INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int
     *cell = (struct screen_cell) { .contents = count == 0              ? SCREEN_EMPTY
                                                : count == SCREEN_BLOCK ? SCREEN_FULL
                                                                        : SCREEN_SOME,
-                                   .owner = first == last ? (uint16_t) first : SCREEN_MIXED,
+                                   .material = first == last ? (uint16_t) first : SCREEN_MIXED,
                                    .pixels = (uint8_t) count };
 }
 
@@ -49,29 +49,30 @@ INLINE void load_block(const struct screen_work *w, int x, int y, int x0, int x1
     const size_t to = (size_t) (y * w->stride + x);
     const ptrdiff_t from = y * in->shape.stride + x;
     const vf zero = { 0 }, one = zero + 1.0f;
-    _Alignas(64) float owner[SCREEN_BLOCK] = { 0 }, z[SCREEN_BLOCK] = { 0 }, part[SCREEN_BLOCK], most[SCREEN_BLOCK], least[SCREEN_BLOCK];
+    _Alignas(64) float material[SCREEN_BLOCK] = { 0 }, z[SCREEN_BLOCK] = { 0 }, strengths[SCREEN_BLOCK], most[SCREEN_BLOCK],
+                       least[SCREEN_BLOCK];
     int first, last, count = 0;
 
-    find_owners(w, from, x0, x1, owner, cell, &first, &last);
-    memcpy(&w->key[to], owner, sizeof(owner));
+    find_materials(w, from, x0, x1, material, cell, &first, &last);
+    memcpy(&w->key[to], material, sizeof(material));
     if (cell->contents == SCREEN_EMPTY) {
         memcpy(&w->depth[to], z, sizeof(z));
         return;
     }
     for (int l = 0; l < SCREEN_BLOCK; l++)
-        part[l] = 1.0f;
+        strengths[l] = 1.0f;
     if (cell->contents == SCREEN_FULL) {
         memcpy(z, in->depth + from, sizeof(z));
         if (in->strength)
-            memcpy(part, in->strength + from, sizeof(part));
+            memcpy(strengths, in->strength + from, sizeof(strengths));
     } else {
         for (int l = x0; l < x1; l++) {
-            z[l] = owner[l] > 0.0f ? in->depth[from + l] : 0.0f;
-            part[l] = owner[l] > 0.0f && in->strength ? in->strength[from + l] : 1.0f;
+            z[l] = material[l] > 0.0f ? in->depth[from + l] : 0.0f;
+            strengths[l] = material[l] > 0.0f && in->strength ? in->strength[from + l] : 1.0f;
         }
     }
     for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH) {
-        const vf depth = load(z + lane), strength = load(part + lane);
+        const vf depth = load(z + lane), strength = load(strengths + lane);
         const vi good = (depth > zero) & (depth < 1e12f);
         const vf d = select(good, depth, zero), mm = d * w->depth_mm + w->fixed_mm, s = lesser(strength, one);
         const vf size = lesser(s * s * w->ratio2 / select(good, mm * mm, one), zero + 1e30f);
@@ -83,18 +84,18 @@ INLINE void load_block(const struct screen_work *w, int x, int y, int x0, int x1
         store(least + lane, select(scale > zero, zero - scale, zero - 1e30f));
     }
     cell->pixels = (uint8_t) count;
-    cell->scale[0] = -top(least);
-    cell->scale[1] = top(most);
+    cell->scale[0] = -max_of(least);
+    cell->scale[1] = max_of(most);
     for (int i = 0; i < 3; i++) {
         float *light = &w->now[i][to];
-        if (cell->contents == SCREEN_FULL && cell->owner != SCREEN_MIXED) {
+        if (cell->contents == SCREEN_FULL && cell->material != SCREEN_MIXED) {
             for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH)
                 store(light + lane, load(w->light[i] + from + lane) * w->total[first][i]);
         } else {
             memset(light, 0, SCREEN_BLOCK * sizeof(float));
             for (int l = x0; l < x1; l++)
-                if (owner[l] > 0.0f)
-                    light[l] = w->light[i][from + l] * w->total[(int) owner[l]][i];
+                if (material[l] > 0.0f)
+                    light[l] = w->light[i][from + l] * w->total[(int) material[l]][i];
         }
     }
     seen->first = seen->first == 0 || first < seen->first ? first : seen->first;

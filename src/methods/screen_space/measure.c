@@ -103,7 +103,7 @@ PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, in
             store(w->to_px[0] + at, select(on, both, zero));
             store(skews + part, select(on, both / select(on, x2, one), zero));
         }
-        cell->smooth = cell->contents == SCREEN_FULL && cell->owner != SCREEN_MIXED && !any(rough);
+        cell->smooth = cell->contents == SCREEN_FULL && cell->material != SCREEN_MIXED && !any(rough);
         mean = cell->pixels > 0 ? sum_of(skews) / (float) cell->pixels : 0.0f;
         cell->to_px[0][0] = mean < SKEW_MAX ? (mean > -SKEW_MAX ? mean : -SKEW_MAX) : SKEW_MAX;
     }
@@ -131,8 +131,8 @@ PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, in
             }
         }
         for (int axis = 0; axis < 2; axis++) {
-            cell->to_px[axis][0] = -top(least[axis]);
-            cell->to_px[axis][1] = top(most[axis]);
+            cell->to_px[axis][0] = -max_of(least[axis]);
+            cell->to_px[axis][1] = max_of(most[axis]);
         }
     }
 }

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // measure.comp - surface metric at each pixel, and the summary of a block of 16 pixels of a row, which is a row of a workgroup; mirror of
 // the first half of measure.c. Tx, Ty: from the pixel's surface point to the next one along x and y.
-//   in  0 surface    depth (mm), material
+//   in  0 surface  depth (mm), material
 //   in  1 scale    px^2 per mm^2
 //   out 2 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2), 0
 //   out 3 cells    mean skew of the second pass (decrease of x in pixels per pixel of y); 0: nothing is translucent, 1: some pixels are,
@@ -15,8 +15,8 @@ layout(set = 0, binding = 2) writeonly buffer Slopes { vec4 slopes[]; };
 layout(set = 0, binding = 3) writeonly buffer Cells { vec2 cells[]; };
 #include "methods/screen_space/common.glsl"
 
-shared float leans[8][16];
-shared uint facts[8][16]; // bits FULL, BLURRED, ROUGH, OTHER
+shared float skews[8][16];
+shared uint flags[8][16]; // bits FULL, BLURRED, ROUGH, OTHER
 const uint FULL = 1u, BLURRED = 2u, ROUGH = 4u, OTHER = 8u;
 
 vec2 neighbour(ivec2 p) // depth, material
@@ -57,31 +57,31 @@ void main()
     const uint x = gl_LocalInvocationID.x, y = gl_LocalInvocationID.y;
     const bool here = is_inside(p);
 
-    leans[y][x] = 0.0;
-    facts[y][x] = 0u;
+    skews[y][x] = 0.0;
+    flags[y][x] = 0u;
     if (here) {
         const int i = pixel_at(p);
         const vec2 own = surface[i];
         bool rough = false;
         const vec3 s = own.y > 0.0 ? slopes_at(p, own, rough) : vec3(0.0);
         slopes[i] = vec4(s, 0.0);
-        leans[y][x] = s.x > 0.0 ? s.z / s.x : 0.0;
-        facts[y][x] = (own.y > 0.0 ? FULL : 0u) | (scale[i] > 0.0 ? BLURRED : 0u) | (rough ? ROUGH : 0u) |
+        skews[y][x] = s.x > 0.0 ? s.z / s.x : 0.0;
+        flags[y][x] = (own.y > 0.0 ? FULL : 0u) | (scale[i] > 0.0 ? BLURRED : 0u) | (rough ? ROUGH : 0u) |
                       (own.y != surface[i - int(x)].y ? OTHER : 0u);
     }
     barrier();
     if (!here || x != 0u)
         return;
     int blurred = 0;
-    float lean = 0.0;
+    float skew = 0.0;
     uint all = FULL, any = 0u;
     for (int k = 0; k < BLOCK; k++) {
-        lean += leans[y][k];
-        blurred += (facts[y][k] & BLURRED) != 0u ? 1 : 0;
-        all &= facts[y][k];
-        any |= facts[y][k];
+        skew += skews[y][k];
+        blurred += (flags[y][k] & BLURRED) != 0u ? 1 : 0;
+        all &= flags[y][k];
+        any |= flags[y][k];
     }
-    lean = blurred > 0 ? clamp(lean / float(blurred), -SKEW_MAX, SKEW_MAX) : 0.0;
+    skew = blurred > 0 ? clamp(skew / float(blurred), -SKEW_MAX, SKEW_MAX) : 0.0;
     const bool smooth_all = all == FULL && (any & (ROUGH | OTHER)) == 0u;
-    cells[pixel_at(p) / BLOCK] = vec2(lean, (any & FULL) == 0u ? 0.0 : smooth_all ? 2.0 : 1.0);
+    cells[pixel_at(p) / BLOCK] = vec2(skew, (any & FULL) == 0u ? 0.0 : smooth_all ? 2.0 : 1.0);
 }

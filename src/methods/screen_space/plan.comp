@@ -5,7 +5,7 @@
 // of SCREEN_PLANNED steps, the blocks that it blurs, with the number and spacing of their taps (`choose` in blocks.h, `space` in
 // kernels.c). A row of a workgroup is a block: its invocations are first pixels, then steps and axes. FORM 0: Gaussians, 1: seven taps,
 // which need no plan, 2: a separable kernel.
-//   in  0 surface    depth (mm), material
+//   in  0 surface  depth (mm), material
 //   in  1 scale    px^2 per mm^2 of the variances
 //   in  2 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2), 0
 //   in  3 lines    skew (px per px), pixels in smooth blocks along the row, down the column, 0
@@ -51,25 +51,25 @@ bool is_clear(int cell, int block, int blocks, int axis, float skew, float reach
 // Variances of the block's pixels before and after a step, mm^2: after is 0 if the step blurs none, -1 if they differ.
 vec2 in_common(uint y, int step)
 {
-    float low = 1e30, high = 0.0, owner = 0.0, before, before_high;
+    float low = 1e30, high = 0.0, material = 0.0, before, before_high;
     bool one = true;
 
     for (int l = 0; l < BLOCK; l++) {
         const vec4 pixel = pixels[y][l];
         if (!(pixel.w > 0.0))
             continue;
-        one = one && (owner == 0.0 || owner == pixel.w);
-        owner = pixel.w;
+        one = one && (material == 0.0 || material == pixel.w);
+        material = pixel.w;
         low = min(low, pixel.x);
         high = max(high, pixel.x);
     }
-    if (owner == 0.0)
+    if (material == 0.0)
         return vec2(0.0);
     // Each decision is monotonic in the scale: if the extremes agree in all of them, so do the pixels in between.
-    const bool on = applied(step, int(owner), low, before), on_high = applied(step, int(owner), high, before_high);
+    const bool on = applied(step, int(material), low, before), on_high = applied(step, int(material), high, before_high);
     if (!one || on != on_high || before != before_high)
         return vec2(0.0, -1.0);
-    return vec2(before, on ? variance_of(step, int(owner)) : 0.0);
+    return vec2(before, on ? variance_of(step, int(material)) : 0.0);
 }
 
 // In px^2: the largest variance that the step adds, and the smallest before it or added.
@@ -104,8 +104,8 @@ ivec4 plan_of(int cell, int block, int blocks, uint y, int axis, int step)
     const float skew = axis == 0 || abs(lines[cell].x) * reach < 0.5 ? 0.0 : lines[cell].x;
     // Taps may be 1.5 standard deviations of the previous blurs apart: aliasing is then below 2e-4 of a step.
     const float dense = is_clear(cell, block, blocks, axis, skew, reach) ? reach : reach * (1.0 / TAPS_DENSE);
-    const float pace = min(1.5 * sqrt(range.y), dense);
-    const int stride = pace >= 2.0 ? int(min(pace, 32767.0)) : 1;
+    const float spacing = min(1.5 * sqrt(range.y), dense);
+    const int stride = spacing >= 2.0 ? int(min(spacing, 32767.0)) : 1;
     return ivec4(int(min(reach / float(stride), 65535.0)) | stride << 16, floatBitsToInt(vec3(skew, common_of)));
 }
 
@@ -133,8 +133,8 @@ void main()
     if (here) {
         const vec4 s = slopes[i];
         const vec2 own = surface[i];
-        const float lean = lines[cell].x, mm = own.x * pc.depth_mm + pc.fixed_mm, facing = scale[i] * mm * mm;
-        const vec2 size2 = vec2(s.x, s.y + lean * (lean * s.x - 2.0 * s.z));
+        const float skew = lines[cell].x, mm = own.x * pc.depth_mm + pc.fixed_mm, facing = scale[i] * mm * mm;
+        const vec2 size2 = vec2(s.x, s.y + skew * (skew * s.x - 2.0 * s.z));
         const vec2 size = sqrt(max(size2, vec2(0.0)));
         across[i] = vec2(own.x, size.x);
         down[i] = vec2(own.x, size.y);

@@ -19,8 +19,8 @@ struct line {
 struct step_dir {
     float x, y;
     bool rotated;
-    float mm2;   /* rotated: squared length of a step on the surface, relative to the pixel's area */
-    float coord; /* position of each tap within its interval, [0, 1] */
+    float mm2;    /* rotated: squared length of a step on the surface, relative to the pixel's area */
+    float jitter; /* position of each tap within its interval, [0, 1] */
 };
 
 /* Every pixel up to w->taps taps; else taps spaced by squares, dense in the centre. */
@@ -61,12 +61,12 @@ INLINE struct step_dir step_at(const struct screen_work *w, int axis, const stru
     if (!w->rotated || !line->sparse)
         return axis == 0 ? (struct step_dir) { .x = 1.0f } : (struct step_dir) { .x = -cell->skew, .y = 1.0f };
     { /* the axes are perpendicular on the surface, and so are the two passes */
-        const int number = pell_ss_turn(x, y, w->turn);
-        const float *turn = w->turns[number];
+        const int rotation = pell_ss_turn(x, y, w->turn);
+        const float *turn = w->turns[rotation];
         const float c = axis == 0 ? turn[0] : -turn[1], s = axis == 0 ? turn[1] : turn[0];
         const float ratio = w->length[0][index] / w->length[1][index], down = s * ratio, along = c - cell->skew * down;
         const float size2 = along * along + down * down, size = sqrtf(size2);
-        return (struct step_dir) { along / size, down / size, true, ratio / size2, pell_ss_jitter(number) };
+        return (struct step_dir) { along / size, down / size, true, ratio / size2, pell_ss_jitter(rotation) };
     }
 }
 
@@ -108,8 +108,8 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     const struct screen_work *w = p->w;
     const struct line *line = p->line;
     const struct step_dir *step_dir = &p->step_dir;
-    const float coord = sign > 0.0f ? step_dir->coord : 1.0f - step_dir->coord;
-    const float ahead = sign * (step_dir->rotated ? line->edge[i] + coord * (line->edge[i + 1] - line->edge[i]) : (float) line->at[i]);
+    const float jitter = sign > 0.0f ? step_dir->jitter : 1.0f - step_dir->jitter;
+    const float ahead = sign * (step_dir->rotated ? line->edge[i] + jitter * (line->edge[i + 1] - line->edge[i]) : (float) line->at[i]);
     float h, dx, dy, dz, spacing; /* mm per pixel of the line */
     int offset[2];
     ptrdiff_t by, at;
@@ -158,11 +158,11 @@ INLINE bool blur_pixel(struct centre *p, const struct screen_cell *cell, float o
         }
     }
     for (int c = 0; c < 3; c++) {
-        const float pass = p->factor->pass[c];
-        if (pass > 0.0f && sums.weight[c] > pass && w->term == 0) /* lengths vary too fast */
-            out[c] = sums.light[c] * (pass / sums.weight[c]);
+        const float integral = p->factor->integral[c];
+        if (integral > 0.0f && sums.weight[c] > integral && w->term == 0) /* lengths vary too fast */
+            out[c] = sums.light[c] * (integral / sums.weight[c]);
         else
-            out[c] = sums.light[c] + (pass - sums.weight[c]) * p->from[c][0];
+            out[c] = sums.light[c] + (integral - sums.weight[c]) * p->from[c][0];
     }
     return on;
 }
@@ -185,7 +185,7 @@ INLINE float reach_of(const struct screen_work *w, const struct screen_cell *cel
 /* --- Blocks of one material without rotation: vectorised over lanes ------------------------------------------------------------------ */
 
 /* Data of a pass over the pixels of a block. */
-struct together {
+struct block_pass {
     const struct screen_work *w;
     const struct screen_factor *factor;
     const float *const *from; /* planes */
@@ -193,14 +193,14 @@ struct together {
     float skew; /* of its lines of taps */
 };
 
-struct part { /* a vector of pixels of a block */
+struct pixel_vector { /* a vector of pixels of a block */
     size_t index;
     vf x, key, depth, length0, per_mm, column;
     vi on;
     vf weight[3], light[3];
 };
 
-/* The cubic that contains `coord`, and the position in it. */
+/* The cubic that contains a fraction of the extent, and the position in it. */
 INLINE vf in_cubic(vf fraction, vi *k)
 {
     const vf p = root(lesser(fraction, all(1.0f))) * (float) SCREEN_FACTOR_PARTS, last = all(SCREEN_FACTOR_PARTS - 1);
@@ -215,7 +215,7 @@ INLINE vf cubic(const float (*a)[SCREEN_FACTOR_PARTS], vi k, vf t)
 }
 
 /* The pixels at `offset` on the line, `ahead` steps along it. */
-INLINE void add_taps(const struct together *b, const int offset[2], float ahead, const float edge[2], struct part *p)
+INLINE void add_taps(const struct block_pass *b, const int offset[2], float ahead, const float edge[2], struct pixel_vector *p)
 {
     const struct screen_work *w = b->w;
     const struct pell_rect *rect = &w->in->rect;
@@ -249,18 +249,18 @@ INLINE void add_taps(const struct together *b, const int offset[2], float ahead,
 }
 
 /* The weight that its taps do not contribute stays with the pixel. Returns the number of blurred pixels. */
-INLINE int blur_block(const struct together *b, const struct screen_cell *cell, const struct line *line, int x0,
+INLINE int blur_block(const struct block_pass *b, const struct screen_cell *cell, const struct line *line, int x0,
                       float (*restrict out)[SCREEN_BLOCK])
 {
     const struct screen_work *w = b->w;
     const struct pell_rect *rect = &w->in->rect;
-    const float extent = w->factors->extent_mm[cell->owner];
+    const float extent = w->factors->extent_mm[cell->material];
     const size_t first = (size_t) (b->y * w->stride + x0);
     const vf zero = all(0.0f);
     int active = 0;
 
     for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH) {
-        struct part p = { .index = first + (size_t) lane };
+        struct pixel_vector p = { .index = first + (size_t) lane };
         const vf scale = load(w->scale + p.index);
         const vi on = (scale > zero) & (load(w->length[0] + p.index) > zero) & (load(w->length[1] + p.index) > zero);
         for (int l = 0; l < WIDTH; l++)
@@ -282,9 +282,9 @@ INLINE int blur_block(const struct together *b, const struct screen_cell *cell, 
                 add_taps(b, offset, ahead, line->edge + i, &p);
         }
         for (int c = 0; c < 3; c++) {
-            const vf pass = all(b->factor->pass[c]), sum = p.light[c] + (pass - p.weight[c]) * load(b->from[c] + p.index);
-            const vi less = (p.weight[c] > pass) & (pass > zero); /* lengths vary too fast */
-            store(&out[c][lane], w->term > 0 ? sum : select(less, p.light[c] * (pass / select(less, p.weight[c], pass)), sum));
+            const vf integral = all(b->factor->integral[c]), sum = p.light[c] + (integral - p.weight[c]) * load(b->from[c] + p.index);
+            const vi less = (p.weight[c] > integral) & (integral > zero); /* lengths vary too fast */
+            store(&out[c][lane], w->term > 0 ? sum : select(less, p.light[c] * (integral / select(less, p.weight[c], integral)), sum));
         }
     }
     return active;
@@ -305,7 +305,7 @@ INLINE void put_pixel(const struct screen_work *w, int x, int y, int axis, size_
             w->out->light[c][at] = (w->term > 0 ? w->out->light[c][at] : 0.0f) + sign[c] * light[c];
 }
 
-/* Mask of the pixels of a row that can be blurred. */
+/* Blurs the pixels of a row; returns the number of blurred ones. */
 INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float *const from[3], float *const to[3])
 {
     int active = 0;
@@ -315,15 +315,15 @@ INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float
         const size_t first = (size_t) (y * w->stride + block * SCREEN_BLOCK);
         float all_light[3][SCREEN_BLOCK];
         struct line line;
-        bool together;
+        bool vectorised;
 
         if (cell->contents == SCREEN_EMPTY)
             continue;
         line = line_of(w, reach_of(w, cell, axis, first));
-        together = cell->owner != SCREEN_MIXED && !(w->rotated && line.sparse);
-        if (together) {
-            const struct screen_factor *f = &w->factors->factor[(size_t) cell->owner * (size_t) w->factors->rank + (size_t) w->term];
-            const struct together pass = { w, f, from, axis, y, axis == 0 ? 0.0f : cell->skew };
+        vectorised = cell->material != SCREEN_MIXED && !(w->rotated && line.sparse);
+        if (vectorised) {
+            const struct screen_factor *f = &w->factors->factor[(size_t) cell->material * (size_t) w->factors->rank + (size_t) w->term];
+            const struct block_pass pass = { w, f, from, axis, y, axis == 0 ? 0.0f : cell->skew };
             active += blur_block(&pass, cell, &line, block * SCREEN_BLOCK, all_light);
         }
         for (size_t index = first; index < first + SCREEN_BLOCK; index++) {
@@ -335,9 +335,9 @@ INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float
             if (!(w->key[index] > 0.0f))
                 continue;
             p.factor = &w->factors->factor[(size_t) w->key[index] * (size_t) w->factors->rank + (size_t) w->term];
-            for (int c = 0; together && c < 3; c++)
+            for (int c = 0; vectorised && c < 3; c++)
                 light[c] = all_light[c][l];
-            if (!together)
+            if (!vectorised)
                 active += blur_pixel(&p, cell, light);
             put_pixel(w, x, y, axis, index, p.factor->sign, light, to);
         }

@@ -124,18 +124,18 @@ void main()
         return;
     }
     const int head = (int(light.w) * pc.rank + term) * SCREEN_FACTOR_SIZE;
-    const vec4 pass = factors[head];
+    const vec4 integral_extent = factors[head];
     const vec2 own = geometry[i], across = other[i];
     const vec2 plan = intBitsToFloat(plans[AXIS * (pc.width / BLOCK * pc.height) + i / BLOCK].xy);
-    const float mm = own.x * pc.depth_mm + pc.fixed_mm, extent = pass.w, size = scale[i];
+    const float mm = own.x * pc.depth_mm + pc.fixed_mm, extent = integral_extent.w, size = scale[i];
     Gathered g = Gathered(vec3(0.0), vec3(0.0));
     if (size > 0.0 && extent > 0.0 && own.y > 0.0 && across.y > 0.0)
         g = gather(Centre(p, own, across.y, light, ray_of(p), 1.0 / (extent * sqrt(size) * mm), head + 2), plan.x, plan.y);
     // The weight that the taps do not contribute stays with the pixel.
-    vec3 result = g.light + (pass.rgb - g.weight) * light.rgb;
+    vec3 result = g.light + (integral_extent.rgb - g.weight) * light.rgb;
     for (int c = 0; c < 3; c++)
-        if (term == 0 && pass[c] > 0.0 && g.weight[c] > pass[c]) // lengths vary too fast
-            result[c] = g.light[c] * (pass[c] / g.weight[c]);
+        if (term == 0 && integral_extent[c] > 0.0 && g.weight[c] > integral_extent[c]) // lengths vary too fast
+            result[c] = g.light[c] * (integral_extent[c] / g.weight[c]);
     if (AXIS == 0)
         to[i] = vec4(result, light.w);
     else

@@ -16,8 +16,8 @@ struct around {
 
 struct centre {
     vf key, depth;
-    vf fall;   /* sqrt(y') per mm */
-    vf tan[2]; /* x/f and y/f of the pixel's ray */
+    vf kernel_scale; /* sqrt(y') per mm */
+    vf tan[2];       /* x/f and y/f of the pixel's ray */
 };
 
 /* q of y' + Y_SHIFT. */
@@ -53,7 +53,7 @@ struct lane_taps {
     vf slope, fixed, grow, shift;
 };
 
-INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf cross_term2, const struct centre *c, bool several, bool parallel,
+INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf dz_scale2, const struct centre *c, bool several, bool parallel,
                         struct gathered *g)
 {
     vf z, along, dz;
@@ -66,7 +66,7 @@ INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf cross
     z = load(a->depth + side->at);
     along = z * side->slope + side->fixed;
     dz = z - c->depth;
-    weigh(a, side->at, along * along + dz * dz * cross_term2, c, several, g);
+    weigh(a, side->at, along * along + dz * dz * dz_scale2, c, several, g);
 }
 
 /* The taps of a block's pixels; those of the two sides in pairs, as most blocks have equally many. The points of two pixels differ by h (x,
@@ -75,22 +75,22 @@ INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf cross
 INLINE void upright(const struct screen_work *w, const struct around *a, int axis, const struct job *job, const struct centre *c,
                     bool several, bool parallel, struct gathered *g)
 {
-    const float pace = (float) job->b.stride;
+    const float spacing = (float) job->b.stride;
     const ptrdiff_t step = job->b.stride * (axis == 0 ? 1 : w->stride);
-    const vf other = c->tan[1 - axis], cross_term2 = c->fall * c->fall * (other * other + 1.0f);
-    const vf grow = c->fall * (pace * w->depth_mm), shift = c->fall * (pace * w->fixed_mm);
-    const vf slope = c->fall * c->tan[axis], fixed = (vf) { 0 } - c->depth * slope;
+    const vf other = c->tan[1 - axis], dz_scale2 = c->kernel_scale * c->kernel_scale * (other * other + 1.0f);
+    const vf grow = c->kernel_scale * (spacing * w->depth_mm), shift = c->kernel_scale * (spacing * w->fixed_mm);
+    const vf slope = c->kernel_scale * c->tan[axis], fixed = (vf) { 0 } - c->depth * slope;
     const int pairs = fewer(job->low, job->high);
     struct lane_taps back = { 0, -step, slope, fixed, -grow, -shift }, ahead = { 0, step, slope, fixed, grow, shift };
 
-    for (int j = 0; j < pairs; j++) { /* padding is left of the first pixel */
-        upright_tap(a, &back, cross_term2, c, several, parallel, g);
-        upright_tap(a, &ahead, cross_term2, c, several, parallel, g);
+    for (int j = 0; j < pairs; j++) { /* planes have a margin on the left of the first pixel */
+        upright_tap(a, &back, dz_scale2, c, several, parallel, g);
+        upright_tap(a, &ahead, dz_scale2, c, several, parallel, g);
     }
     for (int j = pairs; j < job->low; j++)
-        upright_tap(a, &back, cross_term2, c, several, parallel, g);
+        upright_tap(a, &back, dz_scale2, c, several, parallel, g);
     for (int j = pairs; j < job->high; j++)
-        upright_tap(a, &ahead, cross_term2, c, several, parallel, g);
+        upright_tap(a, &ahead, dz_scale2, c, several, parallel, g);
 }
 
 /* --- Skewed -------------------------------------------------------------------------------------------------------------------- */
@@ -101,9 +101,9 @@ struct skewed {
 };
 
 struct tap_position {
-    vf cross_term; /* 2 (x tx + y ty) */
-    vf beside2;    /* from the line that the tap represents, along x */
-    float apart2;  /* from the pixel, px^2 */
+    vf cross_term;      /* 2 (x tx + y ty) */
+    vf off_line2;       /* squared distance from the line that the tap represents, along x, in kernel units */
+    float distance2_px; /* squared distance from the pixel, px^2 */
     int px, py;
 };
 
@@ -120,7 +120,7 @@ INLINE struct tap_position tap_position(const struct block *b, int j, const stru
 
 INLINE struct tap_position opposite(const struct tap_position *p)
 {
-    return (struct tap_position) { -p->cross_term, p->beside2, p->apart2, -p->px, -p->py };
+    return (struct tap_position) { -p->cross_term, p->off_line2, p->distance2_px, -p->px, -p->py };
 }
 
 /* `x` is the block's. Taps outside of translucent surface are redirected to an empty pixel. */
@@ -129,17 +129,17 @@ INLINE void skewed_tap(const struct screen_work *w, const struct around *a, int 
 {
     const bool in = x + p.px + SCREEN_BLOCK > w->block0 * SCREEN_BLOCK && x + p.px < w->block1 * SCREEN_BLOCK;
     const ptrdiff_t at = (in ? p.px : (w->block0 - 1) * SCREEN_BLOCK - x) + p.py * w->stride;
-    const vf z = load(a->depth + at), h = z * l->grow + l->shift, fall = (z - c->depth) * c->fall;
-    const vf y = fall * (h * p.cross_term + fall * l->ray2) + h * h * p.apart2;
+    const vf z = load(a->depth + at), h = z * l->grow + l->shift, dz = (z - c->depth) * c->kernel_scale;
+    const vf y = dz * (h * p.cross_term + dz * l->ray2) + h * h * p.distance2_px;
 
-    weigh(a, at, greater(y - p.beside2, (vf) { 0 }), c, several, g);
+    weigh(a, at, greater(y - p.off_line2, (vf) { 0 }), c, several, g);
 }
 
 INLINE void skewed_line(const struct screen_work *w, const struct around *a, vf across, const struct job *job, const struct centre *c,
                         bool several, struct gathered *g)
 {
-    const struct skewed l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * w->depth_mm,
-                              c->fall * w->fixed_mm };
+    const struct skewed l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->kernel_scale * w->depth_mm,
+                              c->kernel_scale * w->fixed_mm };
     const int pairs = fewer(job->low, job->high), most = job->low < job->high ? job->high : job->low;
 
     for (int j = 1; j <= pairs; j++) {
@@ -162,7 +162,7 @@ INLINE void gather(const struct screen_work *w, int y, int axis, bool skews, boo
         const struct centre c = {
             .key = load(w->key + at),
             .depth = load(w->depth + at),
-            .fall = load(job->fall + part),
+            .kernel_scale = load(job->kernel_scale + part),
             .tan = { load(w->columns_tan + job->x + part), (vf) { 0 } + w->rows_tan[y] },
         };
         const struct around a = {
@@ -171,7 +171,7 @@ INLINE void gather(const struct screen_work *w, int y, int axis, bool skews, boo
         struct gathered g = { { 0 }, { { 0 }, { 0 }, { 0 } } };
 
         if (skews)
-            skewed_line(w, &a, load(w->length[0] + at) * c.fall, job, &c, several, &g);
+            skewed_line(w, &a, load(w->length[0] + at) * c.kernel_scale, job, &c, several, &g);
         else
             upright(w, &a, axis, job, &c, several, parallel, &g);
         store(job->weight + part, g.weight);

@@ -17,7 +17,7 @@ enum buffer {
     TABLE,
     FACTORS_UP,
     FACTORS,
-    POSITION,
+    DEPTHS,
     SCALE,
     SLOPES,
     CELLS,
@@ -43,7 +43,7 @@ static const struct {
     [TABLE] = { "screen-space steps", PELL_GPU_ON_DEVICE, 0, 0 },
     [FACTORS_UP] = { "screen-space kernel, upload", PELL_GPU_TO_DEVICE, 0, 0 },
     [FACTORS] = { "screen-space kernel", PELL_GPU_ON_DEVICE, 0, 0 },
-    [POSITION] = { "screen-space position", PELL_GPU_ON_DEVICE, 8, 0 },
+    [DEPTHS] = { "screen-space position", PELL_GPU_ON_DEVICE, 8, 0 },
     [SCALE] = { "screen-space scale", PELL_GPU_ON_DEVICE, 4, 0 },
     [SLOPES] = { "screen-space slopes", PELL_GPU_ON_DEVICE, 16, 0 },
     [CELLS] = { "screen-space blocks", PELL_GPU_ON_DEVICE, 0, 8 },
@@ -66,10 +66,10 @@ static const struct {
     const struct pell_shader *shader;
     enum buffer buffers[8]; /* in the order of its bindings */
 } pass_rows[PASSES] = {
-    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, SURFACE, TABLE, POSITION, SCALE, NOW, SUM } },
-    [MEASURE] = { &pell_screen_space_measure_shader, { POSITION, SCALE, SLOPES, CELLS } },
+    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, SURFACE, TABLE, DEPTHS, SCALE, NOW, SUM } },
+    [MEASURE] = { &pell_screen_space_measure_shader, { DEPTHS, SCALE, SLOPES, CELLS } },
     [LINE] = { &pell_screen_space_lines_shader, { CELLS, LINES } },
-    [PLAN] = { &pell_screen_space_plan_shader, { POSITION, SCALE, SLOPES, LINES, TABLE, ALONG_X, ALONG_D, PLANS } },
+    [PLAN] = { &pell_screen_space_plan_shader, { DEPTHS, SCALE, SLOPES, LINES, TABLE, ALONG_X, ALONG_D, PLANS } },
     [ACROSS] = { &pell_screen_space_blur_shader, { ALONG_X, ALONG_X, SCALE, TABLE, PLANS, NOW, HALF, SUM } },
     [DOWN] = { &pell_screen_space_blur_shader, { ALONG_D, ALONG_X, SCALE, TABLE, PLANS, HALF, NOW, SUM } },
     [TERM_ACROSS] = { &pell_screen_space_separable_shader, { ALONG_X, ALONG_D, SCALE, FACTORS, PLANS, NOW, HALF, SUM } },
@@ -198,7 +198,7 @@ static void fill_factors(const struct screen_gpu *st)
 
     for (size_t i = 0; i < count; i++) {
         const struct screen_factor *f = &st->factors.factor[i];
-        *to++ = (struct vec4) { f->pass[0], f->pass[1], f->pass[2], st->factors.extent_mm[i / (size_t) st->factors.rank] };
+        *to++ = (struct vec4) { f->integral[0], f->integral[1], f->integral[2], st->factors.extent_mm[i / (size_t) st->factors.rank] };
         *to++ = (struct vec4) { f->sign[0], f->sign[1], f->sign[2], 0.0f };
         for (int k = 0; k < SCREEN_FACTOR_PARTS; k++)
             for (int c = 0; c < 3; c++)

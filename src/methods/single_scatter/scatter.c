@@ -72,7 +72,7 @@ static void tint(const struct single_world *world, uint32_t mesh, uint32_t trian
     const struct pell_tint *t = &world->tint[m->material];
     float color[3];
 
-    if (!t->is)
+    if (!t->enabled)
         return;
     pell_base_color_at(&world->scene->materials[m->material], m, triangle, u, v, color);
     pell_tint_apply(t, color, enters, light);

@@ -47,7 +47,7 @@ struct packet {
     int count;
 };
 
-static int inspect(const struct ambient *s, struct packet *k)
+static int trace_packet(const struct ambient *s, struct packet *k)
 {
     const float fraction = 1.0f / (float) s->samples;
     const int count = k->count;
@@ -112,7 +112,7 @@ static void trace_rows(void *arg, int band, int worker)
                 const int square = s->side * s->side, tile = square > 1 ? 4 * s->side : 1;
                 /* Squares within a tile of 4 x 4 have different parts of a longer pattern, so that neighbours sample what one of them
                  * misses. */
-                const uint32_t name = (uint32_t) (y / tile * a->width + x / tile);
+                const uint32_t tile_index = (uint32_t) (y / tile * a->width + x / tile);
                 const uint32_t part =
                     ts_ambient_part(s->side, x, y) + (uint32_t) square * (tile > 1 ? ts_ambient_part(4, x / s->side, y / s->side) : 0);
                 const int i = k.count;
@@ -125,14 +125,14 @@ static void trace_rows(void *arg, int band, int worker)
                 ts_point_of(a, a->source[at], a->bary[0][at], a->bary[1][at], &k.from[i], &k.normal[i], &largest);
                 k.from[i] = vec3_mad(k.from[i], 3e-5f * largest, k.normal[i]);
                 vec3_basis(k.normal[i], &k.t[i], &k.b[i]);
-                k.hash[0][i] = pell_hash(name ^ pell_hash(s->p->seed ^ 0x5851f42du));
+                k.hash[0][i] = pell_hash(tile_index ^ pell_hash(s->p->seed ^ 0x5851f42du));
                 k.hash[1][i] = pell_hash(k.hash[0][i] ^ 0x14057b7eu);
                 k.first[i] = part * (uint32_t) s->samples;
                 k.at[i] = at;
                 if (++k.count == 16)
-                    rays += inspect(s, &k);
+                    rays += trace_packet(s, &k);
             }
-    rays += inspect(s, &k);
+    rays += trace_packet(s, &k);
     atomic_fetch_add_explicit(&s->rays, rays, memory_order_relaxed);
 }
 
@@ -149,7 +149,7 @@ static void filter_rows(void *arg, int band, int worker)
             for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++) {
                 const ptrdiff_t at = y * a->stride + x;
                 const int here = s->down ? y : x, most = s->down ? a->height : a->width;
-                float sum = 0.0f, all = 0.0f;
+                float sum = 0.0f, total = 0.0f;
                 s->to[at] = 0.0f;
                 if (a->source[at] == UINT32_MAX)
                     continue;
@@ -159,13 +159,13 @@ static void filter_rows(void *arg, int band, int worker)
                     if (here + j < 0 || here + j >= most || a->key[tap] != a->key[at] || a->source[tap] == UINT32_MAX)
                         continue;
                     sum += weight * s->from[tap];
-                    all += weight;
+                    total += weight;
                 }
-                s->to[at] = sum / all; /* the centre texel always contributes */
+                s->to[at] = sum / total; /* the centre texel always contributes */
             }
 }
 
-int64_t ts_ambient_look(const struct ts_ambient_params *params)
+int64_t ts_ambient_trace(const struct ts_ambient_params *params)
 {
     struct pell_pool *pool = params->services->pool;
     const int bands = (params->atlas->height + ROWS - 1) / ROWS, side = ts_ambient_side(params->atlas);

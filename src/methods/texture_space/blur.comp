@@ -6,7 +6,7 @@
 //   in     0 lines    chart (0: none), mm from texel to texel along this axis
 //   in     1 tilts    relative change of a tap's weight per texel along x, and perpendicular to it
 //   in     2 cells    of each block of 16 texels: least and most mm along x and perpendicular to it; skew of the line (texels back along x
-//                     per texel along y), texels to the next chart
+//                     per texel along y), texels to the inside of a chart
 //   in     3 from     light, W/m^2; alpha of the thickness
 //   out    4 to       the same, blurred
 //   in/out 5 sum      AXIS 1: radiant exitance, W/m^2; chart
@@ -34,13 +34,13 @@ float kernel_of(float y)
 // Variance in texels^2 that the chain has added where a texel has this length; the variance that reading the map adds is subtracted.
 float on_grid(float variance, float length_mm)
 {
-    return max(variance / (length_mm * length_mm) - pc.grid, 0.0);
+    return max(variance / (length_mm * length_mm) - pc.read_variance, 0.0);
 }
 
 // The texel that is blurred, and the line of taps through it.
 struct Centre {
     ivec2 p;
-    float key, own, fall, tilt;
+    float key, own, kernel_scale, tilt;
     int stride;
     float skew; // 0: upright
 };
@@ -51,13 +51,13 @@ struct Gathered {
 };
 
 // The taps of one side: distances accumulate along the line, from the length of each texel.
-void side(const Centre c, int sign_of, int count, inout Gathered g)
+void side(const Centre c, int direction, int count, inout Gathered g)
 {
-    const float pace = 0.5 * float(c.stride), tilt = sign_of < 0 ? -c.tilt : c.tilt;
+    const float half_stride = 0.5 * float(c.stride), tilt = direction < 0 ? -c.tilt : c.tilt;
     float last = c.own, distance_mm = 0.0;
 
     for (int j = 1; j <= count; j++) {
-        const int step = sign_of * c.stride * j;
+        const int step = direction * c.stride * j;
         ivec2 q = c.p + (AXIS == 0 ? ivec2(step, 0) : ivec2(0, step));
         if (AXIS == 1) {
             const float exact = -c.skew * float(step);
@@ -67,17 +67,17 @@ void side(const Centre c, int sign_of, int count, inout Gathered g)
             return;
         const int i = texel_at(q);
         const vec2 here = lines[i];
-        distance_mm += (last + here.y) * pace;
+        distance_mm += (last + here.y) * half_stride;
         last = here.y;
         if (here.x != c.key)
             continue;
-        const float tap = kernel_of(distance_mm * distance_mm * c.fall) * here.y * max(distance_mm * tilt + 1.0, 0.0);
+        const float tap = kernel_of(distance_mm * distance_mm * c.kernel_scale) * here.y * max(distance_mm * tilt + 1.0, 0.0);
         g.weight += tap;
         g.light += tap * from[i];
     }
 }
 
-vec4 blurred(ivec2 p, vec2 own, vec4 extremes, float lean)
+vec4 blurred(ivec2 p, vec2 own, vec4 extremes, float skew)
 {
     const vec2 ends = AXIS == 0 ? extremes.xz : extremes.yw; // the shortest and the longest texel of the block
     const int i = texel_at(p);
@@ -93,11 +93,11 @@ vec4 blurred(ivec2 p, vec2 own, vec4 extremes, float lean)
     const int stride = space >= 2.0 ? (space < 4096.0 ? int(space) : 4096) : 1;
     const int count = max(reach < float(MAX_TAPS * stride) ? int(reach / float(stride)) : MAX_TAPS, 1);
     const float inverse = 1.0 / own.y, density2 = inverse * inverse;
-    const float add = max(density2 * pc.after - pc.grid, 0.0) - max(density2 * pc.before - pc.grid, 0.0);
+    const float add = max(density2 * pc.after - pc.read_variance, 0.0) - max(density2 * pc.before - pc.read_variance, 0.0);
     const float mixed = min(add * (1.0 / S2_MIN_VARIANCE), 1.0);
-    const bool leans = AXIS == 1 && abs(lean) * reach >= 0.5; // with less than half a texel to the side, taps follow the column
+    const bool skews = AXIS == 1 && abs(skew) * reach >= 0.5; // with less than half a texel to the side, taps follow the column
     const float tilt = pc.tilts != 0 ? (AXIS == 0 ? tilts[i].x : tilts[i].y) * inverse : 0.0;
-    const Centre c = Centre(p, own.x, own.y, K_FALL * density2 / max(add, S2_MIN), tilt, stride, leans ? lean : 0.0);
+    const Centre c = Centre(p, own.x, own.y, K_SCALE * density2 / max(add, S2_MIN), tilt, stride, skews ? skew : 0.0);
     Gathered g;
 
     g.weight = own.y * (1.0 - K_END);

@@ -73,7 +73,7 @@ static bool reaches(const struct ts_blurring *p, const struct ts_blur *b)
 static int list_levels(const struct ts_blurring *p, bool local, struct level *out)
 {
     const struct ts_profile *profile = p->solid->profile;
-    const double finest = 1.0 / (p->solid->atlas->mm_per_texel * p->solid->atlas->mm_per_texel);
+    const double texels_per_mm2 = 1.0 / (p->solid->atlas->mm_per_texel * p->solid->atlas->mm_per_texel);
     double before = 0.0;
     int count = 0, unblurred = -1;
 
@@ -83,12 +83,12 @@ static int list_levels(const struct ts_blurring *p, bool local, struct level *ou
     for (int i = 0; i < profile->count; i++) {
         const double *weight = profile->weight[i];
         const bool none = !(weight[0] > 0.0 || weight[1] > 0.0 || weight[2] > 0.0);
-        const bool still = p->st->knobs.first == TS_FIRST_UNBLURRED && i <= unblurred;
-        if (none && (still || (profile->variance[i] - before) * finest < MIN_WEIGHTLESS))
+        const bool stays_unblurred = p->st->knobs.first == TS_FIRST_UNBLURRED && i <= unblurred;
+        if (none && (stays_unblurred || (profile->variance[i] - before) * texels_per_mm2 < MIN_WEIGHTLESS))
             continue;
-        out[count] = (struct level) { i, false, { before, profile->variance[i], local && !none && !still ? weight : NULL } };
-        out[count].blurs = !still && reaches(p, &out[count].blur);
-        before = still ? before : profile->variance[i];
+        out[count] = (struct level) { i, false, { before, profile->variance[i], local && !none && !stays_unblurred ? weight : NULL } };
+        out[count].blurs = !stays_unblurred && reaches(p, &out[count].blur);
+        before = stays_unblurred ? before : profile->variance[i];
         count++;
     }
     return count;

@@ -18,7 +18,7 @@
 PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 
 enum { LIGHTS_MOST = 16, CHUNK = 1024 };
-#define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear interpolation adds on average */
+#define READ_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear interpolation adds on average */
 #define MIN_STRENGTH 1e-3f
 
 /* --- Create and destroy ---------------------------------------------------------------------------------------------------------- */
@@ -122,7 +122,7 @@ enum pell_result ts_create(const struct pell_services *services, const struct pe
         st->services = services;
         st->solids = solids;
         ts_layouts_measure(st);
-        st->layout = pell_seconds() - start;
+        st->layout_seconds = pell_seconds() - start;
         return PELL_OK;
     }
     *state = st = pell_zalloc(ctx, sizeof(*st));
@@ -173,10 +173,10 @@ static void scale_lengths(struct ts_state *st, const struct ts_atlas *a, bool st
                 const ptrdiff_t at = y * a->stride + b * TS_BLOCK + i / 2;
                 const int k = i % 2;
                 const float s = strength ? fmaxf(st->strength[at], MIN_STRENGTH) : 1.0f;
-                const bool is = a->key[at] > 0.0f;
-                const float length = !is ? 0.0f : (st->knobs.stretch ? a->length[k][at] : (float) a->mm_per_texel) / s;
+                const bool in_chart = a->key[at] > 0.0f;
+                const float length = !in_chart ? 0.0f : (st->knobs.stretch ? a->length[k][at] : (float) a->mm_per_texel) / s;
                 st->scaled[k][at] = length;
-                if (!is)
+                if (!in_chart)
                     continue;
                 cell->least[k] = cell->most[k] > 0.0f ? fminf(cell->least[k], length) : length;
                 cell->most[k] = fmaxf(cell->most[k], length);
@@ -260,7 +260,7 @@ static void begin_solid(struct ts_state *st, size_t index, struct ts_chain_param
         .length = { a->length[0], a->length[1] },
         .tilt = { a->tilt[0], a->tilt[1] },
         .tilts = st->knobs.stretch,
-        .grid = st->knobs.kernel != TS_KERNEL_SEVEN ? GRID_VARIANCE : 0.0f,
+        .read_variance = st->knobs.kernel != TS_KERNEL_SEVEN ? READ_VARIANCE : 0.0f,
         .seven = st->knobs.kernel == TS_KERNEL_SEVEN,
     };
     chain->scaled = ts_scaled_strength(st, (int32_t) index);
@@ -280,14 +280,14 @@ static void begin_solid(struct ts_state *st, size_t index, struct ts_chain_param
                                      2 });
 }
 
-struct reduce_task {
+struct remaining_task {
     struct ts_state *st;
     const struct ts_atlas *atlas;
 };
 
-static void reduce_chunk(void *arg, int chunk, int worker)
+static void remaining_chunk(void *arg, int chunk, int worker)
 {
-    const struct reduce_task *p = arg;
+    const struct remaining_task *p = arg;
     const struct ts_atlas *a = p->atlas;
     struct ts_tsm *tsm = &p->st->tsm;
     const size_t first = (size_t) chunk * CHUNK;
@@ -315,9 +315,9 @@ static void reduce_chunk(void *arg, int chunk, int worker)
 /* The fraction of transmitted light that remains after what the engine already adds for light inside the solid. */
 static void set_remaining(struct ts_state *st, const struct ts_atlas *a)
 {
-    struct reduce_task task = { st, a };
+    struct remaining_task task = { st, a };
 
-    pell_pool_run(st->services->pool, (int) ((st->tsm.count + CHUNK - 1) / CHUNK), reduce_chunk, &task);
+    pell_pool_run(st->services->pool, (int) ((st->tsm.count + CHUNK - 1) / CHUNK), remaining_chunk, &task);
 }
 
 /* Computes the light of the lights in the bit mask, which is blurred together with that of a transmitted light. */
@@ -333,8 +333,8 @@ fail:
 }
 
 /* Blurs the transmitted light of one light, and with lights=own also its light that enters locally, and that of the lights in the bit mask
- * `local` (0: none); `*is`: any light is transmitted, otherwise nothing is blurred. */
-static enum pell_result transmit(struct ts_state *st, size_t index, size_t light, uint64_t local, struct ts_chain_params *chain, bool *is)
+ * `local` (0: none); `*any`: any light is transmitted, otherwise nothing is blurred. */
+static enum pell_result transmit(struct ts_state *st, size_t index, size_t light, uint64_t local, struct ts_chain_params *chain, bool *any)
 {
     const struct ts_solid *solid = &st->solid[index];
     const struct ts_atlas *a = solid->atlas;
@@ -364,8 +364,8 @@ static enum pell_result transmit(struct ts_state *st, size_t index, size_t light
     PELL_TRY(ts_tsm_make(&t, st->light[TS_ALPHA], &st->tsm, &rays));
     ts_note_time(st, "tsm", a->inner, a->inner * 40, rays);
     st->shown.light = (int) light;
-    *is = st->tsm.count > 0;
-    if (!*is)
+    *any = st->tsm.count > 0;
+    if (!*any)
         return PELL_OK;
     if (st->knobs.lights == TS_LIGHTS_OWN) {
         const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
@@ -452,15 +452,15 @@ static enum pell_result light_solid(struct ts_state *st, size_t index)
     for (size_t i = 0; last != SIZE_MAX && i <= last; i++) {
         const uint64_t others = rest & ~pell_light_bit(i);
         const bool joins = i == last && st->joins;
-        bool is = false;
+        bool any = false;
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         if (!transmits(st, &scene->lights[i]))
             continue;
-        PELL_TRY(transmit(st, index, i, joins ? others : 0, &chain, &is));
-        if (is && st->knobs.lights == TS_LIGHTS_OWN)
+        PELL_TRY(transmit(st, index, i, joins ? others : 0, &chain, &any));
+        if (any && st->knobs.lights == TS_LIGHTS_OWN)
             rest = joins ? 0 : others;
-        is_transmitted = is_transmitted || is;
+        is_transmitted = is_transmitted || any;
     }
     st->tsm.count = 0;
     st->shown.light = -1;
@@ -513,7 +513,7 @@ static void warn_of_lights(struct ts_state *st)
  * map is completed, and from then on so are all others. */
 static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *in)
 {
-    const bool may = ts_need_enabled(st, in);
+    const bool may_cull = ts_need_enabled(st, in);
     bool complete = true, partial = false;
     enum pell_result res;
 
@@ -523,7 +523,7 @@ static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *
         return PELL_OK;
     if (st->knobs.cull && st->run->culls) {
         ts_need_mark_visible(st, in);
-        for (size_t i = 0; may && i < st->solids->count; i++) {
+        for (size_t i = 0; may_cull && i < st->solids->count; i++) {
             st->solid[i].make_partial =
                 atomic_load(&st->solid[i].missing) && st->solid[i].made == TS_MADE_NOT && ts_need_pays(&st->solid[i]);
             partial |= st->solid[i].make_partial;
@@ -535,9 +535,9 @@ static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *
     for (size_t i = 0; i < st->solids->count; i++) {
         struct ts_solid *solid = &st->solid[i];
         const bool more = atomic_exchange(&solid->missing, false);
-        if (!solid->atlas || solid->made == TS_MADE_COMPLETE || (may && !more) || (solid->made == TS_MADE_PARTIAL && !more))
+        if (!solid->atlas || solid->made == TS_MADE_COMPLETE || (may_cull && !more) || (solid->made == TS_MADE_PARTIAL && !more))
             continue;
-        st->need.on = may && solid->made == TS_MADE_NOT && solid->make_partial;
+        st->need.on = may_cull && solid->made == TS_MADE_NOT && solid->make_partial;
         st->reused |= solid->made == TS_MADE_PARTIAL;
         solid->made = TS_MADE_NOT;
         res = light_solid(st, i);
@@ -560,12 +560,12 @@ enum pell_result ts_make(struct ts_state *st, const struct pell_frame *in)
 
     st->num_times = 0;
     st->in = in;
-    st->clock = pell_seconds() - st->layout;
+    st->clock = pell_seconds() - st->layout_seconds;
     if (in->first || !st->complete)
         PELL_TRY(ts_layouts_fit(st, in));
-    if (st->layout > 0.0) /* by this frame, initially or again */
+    if (st->layout_seconds > 0.0) /* by this frame, initially or again */
         ts_note_time(st, "layout", 0, 0, 0);
-    st->layout = 0.0;
+    st->layout_seconds = 0.0;
     if (st->lit != in->lights_revision) {
         for (size_t i = 0; i < st->solids->count; i++)
             ts_need_discard(&st->solid[i]);

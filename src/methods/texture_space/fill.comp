@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // fill.comp - border texels from the chart texels that they stand for; mirror of fill.c. One invocation per border texel.
 //   in     0 fills    the texel; the lower left one of four source texels, or the first of its sources; position between the four (x, y: 16
-//                     bits each, scaled by 65535); texels to the chart (8 bits), number of parts (8 bits)
+//                     bits each, scaled by 65535); texels to the chart (8 bits), number of sources (8 bits)
 //   in     1 sources  a texel; its weight (bits of a float)
 //   in/out 2 plane    the plane to fill
 layout(local_size_x = 64) in;

@@ -10,8 +10,8 @@
  * that of the Gaussian of its own variance, V = 0.969786. */
 #define Y_SHIFT 0.36125f /* 3.4^2/32 */
 #define K_END 0.00364057731f
-#define K_FALL 0.0303058276f /* V/32: y = K_FALL (distance/sigma)^2 */
-#define K_REACH 3.45255705f  /* 3.4/sqrt(V): the support in standard deviations */
+#define K_SCALE 0.0303058276f /* V/32: y = K_SCALE (distance/sigma)^2 */
+#define K_REACH 3.45255705f   /* 3.4/sqrt(V): the support in standard deviations */
 /* Below 0.6 texels a sampled Gaussian loses variance. Such a blur is a mix of the one of 0.6 texels and the unblurred texel. */
 #define S2_MIN 0.36f
 #define S2_MIN_VARIANCE 0.347774418f /* variance of K, sampled at whole texels, at that width */

@@ -29,14 +29,14 @@ INLINE vf kernel(vf y)
 
 /* Variance in texels^2 that the chain has added where a texel is 1/density mm long; the variance that reading the map adds is
  * subtracted. */
-INLINE vf on_grid(float variance, vf density2, float grid)
+INLINE vf on_grid(float variance, vf density2, float read_variance)
 {
-    return greater(density2 * variance - grid, (vf) { 0 });
+    return greater(density2 * variance - read_variance, (vf) { 0 });
 }
 
-INLINE float on_grid1(float variance, float length, float grid)
+INLINE float on_grid1(float variance, float length, float read_variance)
 {
-    const float v = variance / (length * length) - grid;
+    const float v = variance / (length * length) - read_variance;
     return v > 0.0f ? v : 0.0f;
 }
 
@@ -47,7 +47,7 @@ struct gathered {
 /* The texels that are blurred. */
 struct centre {
     ptrdiff_t at;
-    vf key, fall, tilt;
+    vf key, kernel_scale, tilt; /* kernel_scale: y per mm^2 */
 };
 
 /* The line of taps through them. */
@@ -62,7 +62,7 @@ INLINE void side(const struct ts_work *w, const struct centre *m, const struct l
 {
     const int axis = line->axis;
     const ptrdiff_t step = sign * line->stride * (axis == 0 ? 1 : w->stride);
-    const float pace = 0.5f * (float) line->stride;
+    const float half_stride = 0.5f * (float) line->stride;
     const vf tilt = sign < 0 ? -m->tilt : m->tilt;
     ptrdiff_t at = m->at;
     vf last = load(w->length[axis] + at), distance = { 0 };
@@ -71,9 +71,9 @@ INLINE void side(const struct ts_work *w, const struct centre *m, const struct l
         vf here, weight;
         at += step;
         here = load(w->length[axis] + at);
-        distance += (last + here) * pace;
+        distance += (last + here) * half_stride;
         last = here;
-        weight = kernel(distance * distance * m->fall) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
+        weight = kernel(distance * distance * m->kernel_scale) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
         weight = (vf) ((vi) weight & (load(w->key + at) == m->key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
@@ -85,7 +85,7 @@ INLINE void side(const struct ts_work *w, const struct centre *m, const struct l
 INLINE void skewed_side(const struct ts_work *w, const struct centre *m, const struct line *line, int x, int sign, int count, int planes,
                         struct gathered *g)
 {
-    const float pace = 0.5f * (float) line->stride;
+    const float half_stride = 0.5f * (float) line->stride;
     const vf tilt = sign < 0 ? -m->tilt : m->tilt;
     vf last = load(w->length[1] + m->at), distance = { 0 };
 
@@ -98,9 +98,9 @@ INLINE void skewed_side(const struct ts_work *w, const struct centre *m, const s
         if (x + px <= -TS_BLOCK || x + px >= w->width)
             return;
         here = load(w->length[1] + at);
-        distance += (last + here) * pace;
+        distance += (last + here) * half_stride;
         last = here;
-        weight = kernel(distance * distance * m->fall) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
+        weight = kernel(distance * distance * m->kernel_scale) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
         weight = (vf) ((vi) weight & (load(w->key + at) == m->key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
@@ -116,11 +116,11 @@ INLINE float reach_of(float add)
 
 static float reach(const struct ts_work *w, float length)
 {
-    return reach_of(on_grid1(w->after, length, w->grid) - on_grid1(w->before, length, w->grid));
+    return reach_of(on_grid1(w->after, length, w->read_variance) - on_grid1(w->before, length, w->read_variance));
 }
 
 /* Prefetches the next row while one is blurred: columns have more streams than hardware prefetchers follow. */
-INLINE void ask_for(const struct ts_work *w, ptrdiff_t index, int y, int axis, int reach, int planes)
+INLINE void prefetch_next(const struct ts_work *w, ptrdiff_t index, int y, int axis, int reach, int planes)
 {
     const int below = w->height - 1 - y;
     const ptrdiff_t next = index + (below > 0 ? w->stride : 0), last = index + (below > reach ? reach + 1 : below) * w->stride;
@@ -140,9 +140,10 @@ INLINE void ask_for(const struct ts_work *w, ptrdiff_t index, int y, int axis, i
 INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int x, int y, int axis, int low, int high, int planes)
 {
     const ptrdiff_t index = (ptrdiff_t) y * w->stride + x;
-    const float add_most = on_grid1(w->after, cell->least[axis], w->grid) - on_grid1(w->before, cell->least[axis], w->grid);
-    const float before = on_grid1(w->before, cell->most[axis], w->grid);
-    const float add_least = on_grid1(w->after, cell->most[axis], w->grid) - before;
+    const float add_most =
+        on_grid1(w->after, cell->least[axis], w->read_variance) - on_grid1(w->before, cell->least[axis], w->read_variance);
+    const float before = on_grid1(w->before, cell->most[axis], w->read_variance);
+    const float add_least = on_grid1(w->after, cell->most[axis], w->read_variance) - before;
     const float smooth = before < add_least ? before : add_least, reach = reach_of(add_most);
     struct line line = { .axis = axis, .skew = cell->skew };
     float space;
@@ -160,7 +161,7 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
     count = reach < (float) (MAX_TAPS * stride) ? (int) (reach / (float) stride) : MAX_TAPS;
     count = count > 0 ? count : 1;
     skews = axis == 1 && fabsf(cell->skew) * reach >= 0.5f; /* with less than half a texel to the side, taps follow the column */
-    ask_for(w, index, y, axis, axis == 1 ? count * stride : 0, planes);
+    prefetch_next(w, index, y, axis, axis == 1 ? count * stride : 0, planes);
     low = low / stride < count ? low / stride : count;
     high = high / stride < count ? high / stride : count;
     for (int lane = 0; lane < TS_BLOCK; lane += WIDTH) {
@@ -168,12 +169,12 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
         const vf zero = { 0 }, one = zero + 1.0f, length = load(w->length[axis] + at);
         const vi inside = length > zero;
         const vf inverse = one / select(inside, length, one), density2 = inverse * inverse;
-        const vf add = on_grid(w->after, density2, w->grid) - on_grid(w->before, density2, w->grid);
+        const vf add = on_grid(w->after, density2, w->read_variance) - on_grid(w->before, density2, w->read_variance);
         const vf mix = lesser(add * (1.0f / S2_MIN_VARIANCE), one);
         const struct centre m = {
             .at = at,
             .key = load(w->key + at),
-            .fall = K_FALL * density2 / greater(add, zero + S2_MIN),
+            .kernel_scale = K_SCALE * density2 / greater(add, zero + S2_MIN),
             .tilt = w->tilts ? load(w->tilt[axis] + at) * inverse : zero,
         };
         struct gathered g;
@@ -240,7 +241,7 @@ static void seven(const struct ts_work *w, int y, int from, int to, int axis)
     for (int x = from * TS_BLOCK; x < to * TS_BLOCK && x < w->width; x++) {
         const ptrdiff_t at = (ptrdiff_t) y * w->stride + x;
         const int here = axis == 0 ? x : y;
-        float all = 0.0f, sum[TS_PLANES] = { 0 }, spacing;
+        float total = 0.0f, sum[TS_PLANES] = { 0 }, spacing;
 
         if (!(w->key[at] > 0.0f))
             continue;
@@ -254,13 +255,13 @@ static void seven(const struct ts_work *w, int y, int from, int to, int axis)
                 const ptrdiff_t tap = at + step * pitch;
                 if (here + step < 0 || here + step >= most || !(weight > 0.0f) || w->key[tap] != w->key[at])
                     continue;
-                all += weight;
+                total += weight;
                 for (int c = 0; c < w->planes; c++)
                     sum[c] += weight * w->from[c][tap];
             }
         }
         for (int c = 0; c < w->planes; c++)
-            w->to[c][at] = sum[c] / all; /* the centre tap always contributes */
+            w->to[c][at] = sum[c] / total; /* the centre tap always contributes */
         for (int c = 0; axis == 1 && w->sum[0] && c < 3; c++)
             w->sum[c][at] += w->weight[c] * w->to[c][at];
     }
@@ -282,7 +283,7 @@ static void scatter(const struct ts_work *w, const float *skew, const struct ts_
             const float dy = taps[i].y * down, py = (float) y + dy;
             const float px = (float) x + taps[i].x * across - (w->tilts ? skew[at] * dy : 0.0f);
             const float fx = floorf(px), fy = floorf(py);
-            float near = 0.0f, light[3] = { 0 };
+            float inside = 0.0f, light[3] = { 0 };
             for (int c = 0; c < 3; c++)
                 all[c] += taps[i].weight[c];
             if (!(fx >= 0.0f && fy >= 0.0f && fx < (float) (w->width - 1) && fy < (float) (w->height - 1)))
@@ -292,12 +293,12 @@ static void scatter(const struct ts_work *w, const float *skew, const struct ts_
                 const float weight = (k % 2 ? px - fx : 1.0f - (px - fx)) * (k / 2 ? py - fy : 1.0f - (py - fy));
                 if (w->key[tap] != w->key[at])
                     continue;
-                near += weight;
+                inside += weight;
                 for (int c = 0; c < 3; c++)
                     light[c] += weight * w->from[c][tap];
             }
             for (int c = 0; c < 3; c++) {
-                found[c] += taps[i].weight[c] * near;
+                found[c] += taps[i].weight[c] * inside;
                 sum[c] += taps[i].weight[c] * light[c];
             }
         }

@@ -44,7 +44,7 @@ struct ts_work {
     uint8_t stage;       /* blocks not needed at this stage are left out */
     int near;            /* blocks farther from charts are left out */
     float before, after; /* mm^2: variance of the chain before and after this blur */
-    float grid;          /* texels^2 that reading the map adds */
+    float read_variance; /* texels^2 that reading the map adds */
     float *sum[3];       /* second pass: adds the weighted result; NULL: does not */
     float weight[3];
 };

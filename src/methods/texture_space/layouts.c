@@ -13,8 +13,8 @@
 #define MIN_SIZE 32.0    /* texels, for small objects next to large ones */
 #define PIXEL_TEXELS 8.0 /* maximum number of texels per pixel, over the maps of all objects */
 #define TAPS_REACH 3.46  /* in standard deviations */
-#define COVERED 0.6
-#define TEXELS 2.0             /* texels per pixel */
+#define COVERED 0.6      /* fraction of a map that charts are assumed to cover */
+#define TEXELS_PER_PIXEL 2.0
 enum { MAX_JOINED = 5 << 20 }; /* texels with margins, above 2048 x 2048: joined chains have nine more planes */
 
 bool ts_scaled_strength(const struct ts_state *st, int32_t solid)
@@ -119,7 +119,7 @@ static double needed_side(const struct ts_state *st, size_t i, const struct pell
     const struct ts_solid *solid = &st->solid[i];
     const float depth = vec3_dot(vec3_sub(solid->middle, view->origin), view->forward) - solid->radius;
     const double per_mm = view->orthographic ? (double) view->focal_px : depth > 0.0f ? (double) (view->focal_px / depth) : INFINITY;
-    const double needed = TEXELS * per_mm * sqrt(st->solids->solids[i].area / COVERED);
+    const double needed = TEXELS_PER_PIXEL * per_mm * sqrt(st->solids->solids[i].area / COVERED);
 
     return st->knobs.size == 0 && needed > 0.0 && needed < side ? side * exp2(-0.5 * floor(2.0 * log2(side / needed))) : side;
 }
@@ -297,7 +297,7 @@ enum pell_result ts_layouts_fit(struct ts_state *st, const struct pell_frame *in
     PELL_TRY(make_atlases(st, &in->shape));
     PELL_TRY(make_planes(st));
     st->complete = true;
-    st->layout += pell_seconds() - start;
+    st->layout_seconds += pell_seconds() - start;
     return PELL_OK;
 
 fail:

@@ -14,8 +14,8 @@ struct lighting {
     struct ts_state *st;
     enum step step;
     int rows, first; /* of a band, a multiple of TS_TILE; the first band */
-    uint32_t *slots; /* of the texels sent, up to `most` per band */
-    ptrdiff_t most;
+    uint32_t *slots; /* of the texels sent */
+    ptrdiff_t slots_per_band;
     const struct ts_atlas *atlas;
     uint64_t lights;      /* bit mask of the lights to compute */
     float *const *light;  /* output: three planes */
@@ -97,7 +97,7 @@ static void light_rows(void *arg, int index, int worker)
     const struct ts_atlas *a = p->atlas;
     const int side = map_side(a), samples = st->in->num_samples, subsets = map_subsets(a, samples);
     const int first = (p->first + index) * p->rows, last = first + p->rows < a->height ? first + p->rows : a->height;
-    uint32_t *slot = p->slots ? p->slots + index * p->most : NULL; /* NULL: evaluated at once */
+    uint32_t *slot = p->slots ? p->slots + index * p->slots_per_band : NULL; /* NULL: evaluated at once */
     struct texels list[4];
     uint8_t texels[TS_TILE * TS_BLOCK];
     int64_t rays = 0;
@@ -200,7 +200,7 @@ static enum pell_result light_charts(struct lighting *p)
     const size_t bands = room / (most * pell_services_batch_points(s) * (size_t) (samples / subsets));
     enum pell_result res;
 
-    p->most = (ptrdiff_t) most;
+    p->slots_per_band = (ptrdiff_t) most;
     if (bands == 0) {
         light_at_once(p);
         return PELL_OK;
@@ -213,14 +213,14 @@ static enum pell_result light_charts(struct lighting *p)
 enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all,
                               float *const light[3])
 {
-    const bool part = st->need.on && !all;
+    const bool partial = st->need.on && !all;
     struct lighting lighting = {
         .st = st,
         .atlas = a,
         .lights = lights,
         .light = light,
         .faces = faces,
-        .need = part ? st->need.stage : NULL,
+        .need = partial ? st->need.stage : NULL,
     };
 
     if (has_environment(st->services->scene, lights)) {
@@ -228,11 +228,11 @@ enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uin
             .services = st->services,
             .atlas = a,
             .seed = st->in->seed,
-            .need = part ? st->need.cell : NULL,
+            .need = partial ? st->need.cell : NULL,
             .seen = st->half[0],
             .spare = st->half[1],
         };
-        const int64_t rays = ts_ambient_look(&ambient);
+        const int64_t rays = ts_ambient_trace(&ambient);
         ts_note_time(st, "map sky", a->inner, a->inner * 24, rays);
     }
     return light_charts(&lighting);

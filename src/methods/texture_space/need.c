@@ -80,7 +80,7 @@ static void see_rows(void *arg, int band, int worker)
         }
 }
 
-/* The same for a sample of a later frame. */
+/* The same for a later sample of the multisample, by rays. */
 static void trace_rows(void *arg, int band, int worker)
 {
     const struct seeing *p = arg;

@@ -144,7 +144,7 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
 }
 
 /* Subtracts the light that clear media pass forward from the diffuse transmission: the engine adds it, with its directions. */
-static void leave_forward(const struct pell_medium *medium, struct ts_profile *p)
+static void subtract_forward(const struct pell_medium *medium, struct ts_profile *p)
 {
     struct pell_opposed diffuse;
     struct pell_forward forward;
@@ -252,7 +252,7 @@ static double radius_of(const struct ts_profile *p, int first, double fraction)
 static void make_taps(struct ts_profile *p, bool unblurred)
 {
     static const double limit[4] = { 0.0, TAPS_MIDDLE, TAPS_INNER, 1.0 };
-    static const double aside[12] = { 0.17, 0.62, 0.38, 0.85, 0.05, 0.73, 0.58, 0.13, 0.91, 0.34, 0.76, 0.29 };
+    static const double jitter[12] = { 0.17, 0.62, 0.38, 0.85, 0.05, 0.73, 0.58, 0.13, 0.91, 0.34, 0.76, 0.29 };
     static const int order[6] = { 0, 3, 5, 1, 4, 2 };
     double radius[4] = { 0.0 }, before[3] = { 0.0 };
     int first = 0;
@@ -265,7 +265,7 @@ static void make_taps(struct ts_profile *p, bool unblurred)
         radius[ring + 1] = ring < 2 ? radius_of(p, first, limit[ring + 1]) : 1e3 * p->widest;
         for (int k = 0; k < count; k++, n++) {
             const double part = (order[k] + 0.5) / 6.0, fraction = limit[ring] + part * (limit[ring + 1] - limit[ring]);
-            const double r = ring == 0 ? 0.0 : radius_of(p, first, fraction), phi = 2.0 * PELL_PI * (k + aside[n > 0 ? n - 1 : 0]) / 6.0;
+            const double r = ring == 0 ? 0.0 : radius_of(p, first, fraction), phi = 2.0 * PELL_PI * (k + jitter[n > 0 ? n - 1 : 0]) / 6.0;
             p->taps[n].x = (float) (r * cos(phi));
             p->taps[n].y = (float) (r * sin(phi));
             for (int c = 0; c < 3; c++)
@@ -301,7 +301,7 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
     if (knobs->transmission == TS_TRANSMISSION_SLAB && knobs->tsm != TS_TSM_OFF && pell_slabs_make(m, slab))
         PELL_TRY(make_slabs(ctx, m, slab, local, out));
     if (out->slab && forward && !m->stack)
-        leave_forward(&m->medium, out);
+        subtract_forward(&m->medium, out);
 
 fail:
     return res;

@@ -15,7 +15,7 @@ struct ts_push {
     int32_t near; /* blocks farther from charts are left out */
     int32_t tilts;
     float before, after; /* mm^2: variance of the chain before and after it */
-    float grid;          /* texels^2 that reading the map adds */
+    float read_variance; /* texels^2 that reading the map adds */
     int32_t add;         /* adds the result to the sum, with these weights */
     float weight_r, weight_g, weight_b;
     /* Of lists. */
@@ -42,7 +42,7 @@ struct ts_entry {
     int32_t at, from, second; /* texels; the lower left ones of four */
     float from_key, from_x, from_y, second_key, second_x, second_y;
     float second_weight, surface_distance, m, opposed;
-    int32_t round;
+    int32_t along_surface;
     float remaining_r, remaining_g, remaining_b, strength;
 };
 

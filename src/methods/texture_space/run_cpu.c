@@ -63,15 +63,15 @@ static void weigh_chunk(void *arg, int chunk, int worker)
         struct ts_transmitted_texel *t = &st->tsm.texels[i];
         const float alpha = p->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
         /* The blurs weight A's light by exp(-s^2/(2 v)), s along the surface; a straight path has exp(-m^2/(2 v)). */
-        float near = linear ? fminf(t->surface_distance / reach, 1.0f)
+        float fade = linear ? fminf(t->surface_distance / reach, 1.0f)
                             : -expm1f(fmaxf(t->surface_distance * t->surface_distance - t->m * t->m, 0.0f) * falloff);
-        near += t->round || linear ? 0.0f : (1.0f - near) * t->opposed;
+        fade += t->along_surface || linear ? 0.0f : (1.0f - fade) * t->opposed;
         t->fraction[0] = t->fraction[1] = t->fraction[2] = 0.0f;
         if (!(alpha > 0.0f) || !(strength > 0.0f) || (st->need.on && !st->need.transmitted[t->at]))
             continue;
         ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->fraction);
         for (int c = 0; c < 3; c++)
-            t->fraction[c] *= near * t->remaining[c];
+            t->fraction[c] *= fade * t->remaining[c];
     }
 }
 

@@ -45,7 +45,7 @@ struct ts_need {
     bool on;
     uint8_t *stage; /* last stage that needs the texel; 0: none */
     uint8_t *cell;  /* maximum over each block of a row */
-    uint8_t *wide;  /* scratch plane */
+    uint8_t *wide;  /* scratch: reach of taps down columns, and the chart that they stay in */
     float *wide_key;
     uint8_t *shown;       /* texels that pixels read */
     uint8_t *transmitted; /* texels whose transmitted light is needed */
@@ -79,10 +79,10 @@ struct ts_state {
     float *strength;
     float *scaled[2]; /* lengths over strength */
     struct ts_cell *cells;
-    uint64_t made_of; /* hash of materials, knobs and size: a kept state is reused only if it matches */
-    double layout;    /* seconds spent on layouts; 0: already reported */
-    uint64_t lit;     /* version of the lights; 0: none yet */
-    size_t warned;    /* number of lights when they were last counted */
+    uint64_t made_of;      /* hash of materials, knobs and size: a kept state is reused only if it matches */
+    double layout_seconds; /* seconds spent on layouts; 0: already reported */
+    uint64_t lit;          /* version of the lights; 0: none yet */
+    size_t warned;         /* number of lights when they were last counted */
     struct ts_work work;
     float least[2], skew; /* lengths of the solid's shortest texels; largest skew of a block */
     struct pell_pass_time times[TS_TIMES];
@@ -256,7 +256,7 @@ static inline void ts_stretch(const struct ts_state *st, const struct ts_atlas *
 /* --- run_cpu.c, vulkan.c ---------------------------------------------------------------------------------------------------------- */
 
 /* Operations of an engine on the planes of a solid's map: `now`, the current level; the sum of radiant exitance; the transmitted light
- * before softening. begin, start, look, finish and store report failures; on a device the others only record commands. */
+ * before softening. begin, start, inspect, finish and store report failures; on a device the others only record commands. */
 struct ts_runner {
     /* Starts a solid whose lengths and cells are in st->work: sums are 0. */
     enum pell_result (*begin)(struct ts_state *st, const struct ts_solid *solid);

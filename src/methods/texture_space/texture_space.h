@@ -123,10 +123,10 @@ struct ts_atlas {
                                 * distance from charts */
     size_t num_borders;
     struct ts_source *sources;
-    struct ts_orientation *turns; /* of borders, row by row */
-    size_t *first_turn;           /* per row, height + 1 entries */
-    size_t *first_border;         /* per square, plus the end of the last one */
-    size_t *first_with_sources;   /* per square: the first border with sources */
+    struct ts_orientation *orientations; /* of borders, row by row */
+    size_t *first_orientation;           /* per row, height + 1 entries */
+    size_t *first_border;                /* per square, plus the end of the last one */
+    size_t *first_with_sources;          /* per square: the first border with sources */
     size_t num_squares;
     size_t within[TS_FAR];      /* number of borders within this distance */
     struct ts_run *runs;        /* non-empty blocks, row by row */
@@ -229,8 +229,8 @@ struct ts_ambient_params {
 /* Side of the squares of texels that share a pattern of samples; and the part of it that a texel traces, below side^2. */
 int ts_ambient_side(const struct ts_atlas *a);
 uint32_t ts_ambient_part(int side, int x, int y);
-/* Computes it at chart texels. Returns the number of rays. Allocates nothing. */
-int64_t ts_ambient_look(const struct ts_ambient_params *params);
+/* Computes the visible fraction at chart texels. Returns the number of rays. Allocates nothing. */
+int64_t ts_ambient_trace(const struct ts_ambient_params *params);
 
 /* --- profile.c: the Gaussians of a material ------------------------------------------------------------------------------------------ */
 
@@ -258,7 +258,7 @@ void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p);
  * at 0 nothing is transmitted. */
 void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float fraction[3]);
 
-/* --- translucent_shadow_map.c: entry points of transmitted light  */
+/* --- translucent_shadow_map.c: entry points of transmitted light ------------------------------------------------------------------- */
 
 struct ts_transmitted_texel {
     int32_t at;                /* the texel C */
@@ -270,7 +270,7 @@ struct ts_transmitted_texel {
     struct pell_vec3 normal;
     float cosine;       /* between the normal at A and the direction of the ray */
     float opposed;      /* how far the normals at A and C oppose, [0, 1] */
-    bool round;         /* `surface_distance` is along the surface */
+    bool along_surface; /* `surface_distance` is along the surface */
     float remaining[3]; /* fraction that the engine does not add already, as diffusion in the solid */
     float fraction[3];  /* transmission weight at the current level */
 };

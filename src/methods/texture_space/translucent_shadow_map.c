@@ -7,9 +7,9 @@
 
 #include <string.h>
 
-enum { FACES = 4096 };
+enum { FACES = 4096 };        /* triangles per task */
 #define MAX_HALF_VIEW 1.2f    /* tangent of half the field of view for a light among the objects */
-#define MIN_AWAY_COSINE 1e-4f /* a normal whose cosine with the light is below -DARK faces away despite rounding errors */
+#define MIN_AWAY_COSINE 1e-4f /* a normal whose cosine with the light is below -MIN_AWAY_COSINE faces away despite rounding errors */
 
 struct faces {
     const struct ts_tsm_params *p;

@@ -7,7 +7,7 @@
 //   in  0 texels   entry points of the light: struct ts_entry
 //   in  1 now      light, W/m^2; alpha of the thickness before the level's blur
 //   in  2 table    weights of the levels in a slab's transmission (R, G, B), TS_LEVELS for each of TS_THICK thicknesses
-//   out 3 level_weight weight of the light at the entry point
+//   out 3 level_weight  weight of the light at the entry point
 layout(local_size_x = 64) in;
 #include "methods/texture_space/common.glsl"
 layout(set = 0, binding = 0) readonly buffer Texels { ts_entry texels[]; };
@@ -23,18 +23,18 @@ float rest_of(float x)
 
 vec3 transmission(float d, float opposed)
 {
-    vec3 through = d * d < 80.0 * pc.variance ? weight() * exp(-d * d / (2.0 * pc.variance)) : vec3(0.0);
+    vec3 transmitted = d * d < 80.0 * pc.variance ? weight() * exp(-d * d / (2.0 * pc.variance)) : vec3(0.0);
 
     if (pc.slab == 0)
-        return through;
-    through *= 1.0 - opposed;
+        return transmitted;
+    transmitted *= 1.0 - opposed;
     if (d < pc.thickest) {
         const float f = sqrt(d / pc.thickest) * float(TS_THICK - 1);
         const int row = f < float(TS_THICK - 2) ? int(f) : TS_THICK - 2;
         const vec3 low = table[row * TS_LEVELS + pc.level].rgb, high = table[(row + 1) * TS_LEVELS + pc.level].rgb;
-        through += opposed * (low + (f - float(row)) * (high - low));
+        transmitted += opposed * (low + (f - float(row)) * (high - low));
     }
-    return through;
+    return transmitted;
 }
 
 void main()
@@ -46,12 +46,12 @@ void main()
     const ts_entry t = texels[e];
     const float alpha = now[pc.origin + t.at].w;
     // The blurs weight A's light by exp(-s^2/(2 v)), s along the surface; a straight path has exp(-m^2/(2 v)).
-    float near = pc.linear != 0 ? min(t.surface_distance / pc.reach, 1.0)
+    float fade = pc.linear != 0 ? min(t.surface_distance / pc.reach, 1.0)
                                 : rest_of(max(t.surface_distance * t.surface_distance - t.m * t.m, 0.0) * 0.5 / pc.variance);
-    near += t.round != 0 || pc.linear != 0 ? 0.0 : (1.0 - near) * t.opposed;
+    fade += t.along_surface != 0 || pc.linear != 0 ? 0.0 : (1.0 - fade) * t.opposed;
     vec3 weight = vec3(0.0);
     if (alpha > 0.0 && t.strength > 0.0)
-        weight = transmission(max(-log(alpha), 0.0) * pc.widest / t.strength, t.opposed) * near *
+        weight = transmission(max(-log(alpha), 0.0) * pc.widest / t.strength, t.opposed) * fade *
                  vec3(t.remaining_r, t.remaining_g, t.remaining_b);
     level_weight[e] = vec4(weight, 0.0);
 }

@@ -4,7 +4,7 @@
  */
 #include "methods/texture_space/transmitted.h"
 
-#define SLAB_ANGLES 4.0f /* a face counts fully as a slab's if the light is at least 1/AWAY rad behind it */
+#define SLAB_ANGLES 4.0f /* a face counts fully as a slab's if the light is at least 1/SLAB_ANGLES rad behind it */
 
 struct ts_shading_point ts_flat_point(const struct ts_atlas *a, struct ts_surface_point p)
 {
@@ -82,17 +82,17 @@ bool ts_transmit(const struct ts_task *t, ptrdiff_t at, const struct ts_shading_
         return false;
     if (out->from.key == a->key[at]) {
         const ptrdiff_t from = out->from.at, x = at % a->stride, y = at / a->stride;
-        const ptrdiff_t near[2] = { from % a->stride, from / a->stride };
+        const ptrdiff_t entry_x = from % a->stride, entry_y = from / a->stride;
         const float *const length[2] = { a->length[0], a->length[1] };
-        const float dx = (float) (near[0] - x) + out->from.fx, dy = (float) (near[1] - y) + out->from.fy;
+        const float dx = (float) (entry_x - x) + out->from.fx, dy = (float) (entry_y - y) + out->from.fy;
         const ptrdiff_t there = a->key[from] == out->from.key ? from : at;
         const float lx = 0.5f * (length[0][at] + length[0][there]), ly = 0.5f * (length[1][at] + length[1][there]);
         const float along = (dx + 0.5f * (a->skew[at] + a->skew[there]) * dy) * lx;
         out->surface_distance = sqrtf(along * along + dy * ly * dy * ly);
-        out->round = true;
+        out->along_surface = true;
     } else {
         out->surface_distance = m;
-        out->round = false;
+        out->along_surface = false;
     }
     out->second_weight = 0.0f;
     out->opposed = opposed;

@@ -39,7 +39,7 @@ enum buffer {
     LIGHT_UP,
     NOW,
     HALF,
-    WIDE, /* HALF for the stretch */
+    STRETCH_HALF, /* HALF for the stretch */
     SUM,
     TRANSMITTED,
     WEIGHTS,
@@ -76,7 +76,7 @@ static const struct {
     [LIGHT_UP] = { "texture-space light, upload", OF_TEXEL, 16, PELL_GPU_TO_DEVICE },
     [NOW] = { "texture-space now", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
     [HALF] = { "texture-space half", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
-    [WIDE] = { "texture-space stretch, half", OF_TEXEL, 8, PELL_GPU_ON_DEVICE },
+    [STRETCH_HALF] = { "texture-space stretch, half", OF_TEXEL, 8, PELL_GPU_ON_DEVICE },
     [SUM] = { "texture-space sum", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
     [TRANSMITTED] = { "texture-space transmitted", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
     [WEIGHTS] = { "texture-space weights", OF_LIST, 16, PELL_GPU_ON_DEVICE },
@@ -87,7 +87,20 @@ extern const struct pell_shader pell_texture_space_clear_shader, pell_texture_sp
     pell_texture_space_fill_shader, pell_texture_space_add_shader, pell_texture_space_transmission_weights_shader,
     pell_texture_space_transmit_shader;
 
-enum pass { CLEAR, ACROSS, DOWN, SEVEN_ACROSS, SEVEN_DOWN, FILL_NOW, FILL_SUM, ADD, THIN, THROUGH, THROUGH_SHARP, PASSES };
+enum pass {
+    CLEAR,
+    ACROSS,
+    DOWN,
+    SEVEN_ACROSS,
+    SEVEN_DOWN,
+    FILL_NOW,
+    FILL_SUM,
+    ADD,
+    TRANSMISSION_WEIGHTS,
+    TRANSMIT,
+    TRANSMIT_TO_SUM,
+    PASSES
+};
 
 static const struct {
     const struct pell_shader *shader;
@@ -97,14 +110,14 @@ static const struct {
     [CLEAR] = { &pell_texture_space_clear_shader, { ALONG_X, SUM, TRANSMITTED }, 0 },
     [ACROSS] = { &pell_texture_space_blur_shader, { ALONG_X, TILTS, CELLS, NOW, HALF, SUM }, 0 },
     [DOWN] = { &pell_texture_space_blur_shader, { ALONG_Y, TILTS, CELLS, HALF, NOW, SUM }, 1 },
-    [SEVEN_ACROSS] = { &pell_texture_space_seven_taps_shader, { ALONG_X, NOW, STRETCH, HALF, WIDE, SUM }, 0 },
-    [SEVEN_DOWN] = { &pell_texture_space_seven_taps_shader, { ALONG_X, HALF, WIDE, NOW, STRETCH, SUM }, 1 },
+    [SEVEN_ACROSS] = { &pell_texture_space_seven_taps_shader, { ALONG_X, NOW, STRETCH, HALF, STRETCH_HALF, SUM }, 0 },
+    [SEVEN_DOWN] = { &pell_texture_space_seven_taps_shader, { ALONG_X, HALF, STRETCH_HALF, NOW, STRETCH, SUM }, 1 },
     [FILL_NOW] = { &pell_texture_space_fill_shader, { FILLS, SOURCES, NOW }, 0 },
     [FILL_SUM] = { &pell_texture_space_fill_shader, { FILLS, SOURCES, SUM }, 0 },
     [ADD] = { &pell_texture_space_add_shader, { NOW, SUM }, 0 },
-    [THIN] = { &pell_texture_space_transmission_weights_shader, { TEXELS, NOW, TABLE, WEIGHTS }, 0 },
-    [THROUGH] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, TRANSMITTED }, 0 },
-    [THROUGH_SHARP] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, SUM }, 0 },
+    [TRANSMISSION_WEIGHTS] = { &pell_texture_space_transmission_weights_shader, { TEXELS, NOW, TABLE, WEIGHTS }, 0 },
+    [TRANSMIT] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, TRANSMITTED }, 0 },
+    [TRANSMIT_TO_SUM] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, SUM }, 0 },
 };
 
 struct ts_device {
@@ -116,7 +129,6 @@ struct ts_device {
     struct ts_push push;
     const struct ts_atlas *held; /* the atlas on the device, with the lengths of these positions */
     uint64_t positions;
-    bool looked_at; /* results of this chain are inspected: several command lists */
     struct {
         const char *name;
         int64_t texels, bytes;
@@ -147,7 +159,7 @@ static void forget(struct ts_state *st)
 
 static bool is_needed(const struct ts_state *st, enum buffer which)
 {
-    const bool seven = which == STRETCH || which == STRETCH_UP || which == WIDE;
+    const bool seven = which == STRETCH || which == STRETCH_UP || which == STRETCH_HALF;
 
     return !seven || st->knobs.kernel == TS_KERNEL_SEVEN;
 }
@@ -430,7 +442,7 @@ static enum pell_result begin(struct ts_state *st, const struct ts_solid *solid)
         .stride = (int32_t) a->stride,
         .origin = TS_MARGIN,
         .tilts = st->work.tilts,
-        .grid = st->work.grid,
+        .read_variance = st->work.read_variance,
         .linear = st->knobs.fade == TS_FADE_LINEAR,
         .slab = solid->profile->slab,
         .widest = (float) solid->profile->widest,
@@ -489,7 +501,7 @@ static void pack_texels(void *arg, int chunk, int worker)
             .surface_distance = t->surface_distance,
             .m = t->m,
             .opposed = t->opposed,
-            .round = t->round,
+            .along_surface = t->along_surface,
             .remaining_r = t->remaining[0],
             .remaining_g = t->remaining[1],
             .remaining_b = t->remaining[2],
@@ -561,12 +573,12 @@ static void transmission_weights(struct ts_blurring *p)
     d->push.variance = (float) profile->variance[p->level];
     d->push.reach = TS_FADE_REACH * (float) sqrt(profile->variance[p->level]);
     set_weight(&d->push, profile->weight[p->level]);
-    run_entries(d, THIN, p->st->tsm.count);
+    run_entries(d, TRANSMISSION_WEIGHTS, p->st->tsm.count);
 }
 
 static void transmit(struct ts_blurring *p)
 {
-    run_entries(p->st->device, p->st->knobs.soften ? THROUGH : THROUGH_SHARP, p->st->tsm.count);
+    run_entries(p->st->device, p->st->knobs.soften ? TRANSMIT : TRANSMIT_TO_SUM, p->st->tsm.count);
 }
 
 static void blur(struct ts_blurring *p, const struct ts_blur *b, int blurred)

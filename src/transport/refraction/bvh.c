@@ -39,7 +39,7 @@ void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t 
         f->n[k][0] = (float) normal.x;
         f->n[k][1] = (float) normal.y;
         f->n[k][2] = (float) normal.z;
-        /* Clamped to the range where floats are exact enough. */
+        /* Equal within the precision of floats. */
         f->planar = f->planar && dvec3_dot(off, off) < 1e-13;
     }
 }
@@ -106,7 +106,7 @@ static void halve(const struct pell_context *ctx, struct facet *f, size_t count,
 {
     size_t first = 0, last = count - 1, swaps = 0;
 
-    for (int turn = 0; first < last && turn < 96 && !pell_cancelled(ctx); turn++) {
+    for (int pass = 0; first < last && pass < 96 && !pell_cancelled(ctx); pass++) {
         const float pivot = key(&f[first + (last - first) / 2], dimension, weight);
         size_t i = first, j = last;
         for (;;) {
@@ -206,7 +206,7 @@ static uint32_t build(const struct pell_context *ctx, struct tree *t, size_t fir
 /* --- Slivers ------------------------------------------------------------------------------------------------------------------ */
 
 /* Number of bisections after which a triangle's pieces are no slivers; 0 for planar ones, whose solution needs no search. */
-static int halvings(const struct facet *f)
+static int bisections_of(const struct facet *f)
 {
     const struct pell_dvec3 a = dvec3_load(f->p[0]), e = dvec3_sub(dvec3_load(f->p[1]), a), g = dvec3_sub(dvec3_load(f->p[2]), a),
                             h = dvec3_sub(g, e), n = dvec3_cross(e, g);
@@ -271,7 +271,7 @@ static int plan_pieces(const struct pell_connector *c, const struct pell_solid *
     for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++) {
         struct facet f;
         fill(c, solid, i, &f);
-        wanted[halvings(&f)]++;
+        wanted[bisections_of(&f)]++;
     }
     *pieces = n;
     for (int d = 1; d <= MAX_BISECTIONS; d++) { /* each triangle with more than d - 1 bisections doubles its 2^(d - 1) pieces */
@@ -316,7 +316,7 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
                 high[j] = fmaxf(high[j], f->p[k][j]);
             }
         if (depth > 0) {
-            const int times = halvings(f);
+            const int times = bisections_of(f);
             cut(t, i, times < depth ? times : depth);
         }
     }
@@ -336,7 +336,7 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
 
 /* Squared distance from x to a triangle: to its plane, an edge or a corner, whichever x projects to (C. Ericson, "Real-Time Collision
  * Detection", 2005, section 5.1.5). */
-static double away_from(const struct facet *f, struct pell_dvec3 x)
+static double distance2_to_facet(const struct facet *f, struct pell_dvec3 x)
 {
     const struct pell_dvec3 a = dvec3_load(f->p[0]), ab = dvec3_sub(dvec3_load(f->p[1]), a), ac = dvec3_sub(dvec3_load(f->p[2]), a),
                             ax = dvec3_sub(x, a);
@@ -394,7 +394,7 @@ double pell_connector_distance(const struct pell_connector *connector, int solid
             if (node->child[i] == NOTHING || near[i] > reach)
                 continue;
             if (node->child[i] >= LEAF) {
-                const double d = away_from(&t->facets[node->child[i] - LEAF], from);
+                const double d = distance2_to_facet(&t->facets[node->child[i] - LEAF], from);
                 best = SMALLER(d, best);
                 continue;
             }

@@ -5,22 +5,22 @@
 #include "math/lanes.h"
 
 /* Bit mask of the children of a node where H may be along a normal. */
-INLINE uint32_t open_children(const struct pell_connect_node *n, const struct pell_connect_search *s)
+INLINE uint32_t candidate_children(const struct pell_connect_node *n, const struct pell_connect_search *s)
 {
-    const float light = s->distant ? 0.0f : 1.0f, side = s->eta > 1.0f ? -1.0f : 1.0f;
+    const float finite = s->distant ? 0.0f : 1.0f, side = s->eta > 1.0f ? -1.0f : 1.0f;
     uint32_t set = 0;
 
     for (int l = 0; l < PELL_CONNECT_CHILDREN; l += WIDTH) {
         const vf cx = load(n->x + l), cy = load(n->y + l), cz = load(n->z + l), r = load(n->radius + l);
         const vf vx = s->x[0] - cx, vy = s->x[1] - cy, vz = s->x[2] - cz;
-        const vf ux = s->light[0] - light * cx, uy = s->light[1] - light * cy, uz = s->light[2] - light * cz;
+        const vf ux = s->light[0] - finite * cx, uy = s->light[1] - finite * cy, uz = s->light[2] - finite * cz;
         const vf v = root(vx * vx + vy * vy + vz * vz);
         const vi near = v - r <= s->reach;
-        vi open;
+        vi candidates;
         if (!any(near))
             continue;
         const vf u = root(ux * ux + uy * uy + uz * uz), iv = 1.0f / greater(v, all(1e-30f)), il = 1.0f / greater(u, all(1e-30f));
-        const vf sv = r * iv, sl = light * r * il;
+        const vf sv = r * iv, sl = finite * r * il;
         /* 2 sin(a/2) <= s (1 + 0.42 s^2), s = sin(a) */
         const vf spread = s->eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 1e-6f;
         const vf hx = s->eta * vx * iv + ux * il, hy = s->eta * vy * iv + uy * il, hz = s->eta * vz * iv + uz * il;
@@ -29,8 +29,8 @@ INLINE uint32_t open_children(const struct pell_connect_node *n, const struct pe
         const vf facing = side * (hx * load(n->ax + l) + hy * load(n->ay + l) + hz * load(n->az + l)) * ih;
         const vi inside = (sv >= 1.0f) | (sl >= 1.0f);
         const vi along = (facing >= cosine * cb - sine * sb - 2e-6f) | (sb >= 0.99f) | (cosine < 0.0f) | (s->narrow ? 0 : -1);
-        open = near & (inside | ((h <= s->grazing + spread) & along));
-        set |= members(open) << l;
+        candidates = near & (inside | ((h <= s->grazing + spread) & along));
+        set |= members(candidates) << l;
     }
     return set;
 }
@@ -41,7 +41,7 @@ static int find(struct pell_connect_search *s, uint32_t *facets, int room)
 
     while (s->count > 0 && found + PELL_CONNECT_CHILDREN <= room) {
         const struct pell_connect_node *n = &s->nodes[s->stack[--s->count]];
-        for (uint32_t left = open_children(n, s); left; left &= left - 1) {
+        for (uint32_t left = candidate_children(n, s); left; left &= left - 1) {
             const uint32_t child = n->child[__builtin_ctz(left)];
             if (child == PELL_CONNECT_NOTHING)
                 continue;

@@ -3,8 +3,8 @@
  * bvh_kernel.h - the hierarchy over a solid's triangles that connections search (bvh.c), 16 children per node, and its traversal kernel
  * (bvh_kernel.c).
  */
-#ifndef PELL_CONNECT_FIND_H
-#define PELL_CONNECT_FIND_H
+#ifndef PELL_CONNECT_BVH_KERNEL_H
+#define PELL_CONNECT_BVH_KERNEL_H
 
 #include "base/simd.h"
 

@@ -60,7 +60,7 @@ fail:
 
 /* --- The hierarchy ------------------------------------------------------------------------------------------------------------ */
 
-static void find(struct query *q, const struct tree *t, const struct pell_connect_kernels *kernels)
+static void find_paths(struct query *q, const struct tree *t, const struct pell_connect_kernels *kernels)
 {
     struct pell_connect_search s = { .nodes = t->nodes,
                                      .x = { (float) q->x.x, (float) q->x.y, (float) q->x.z },
@@ -85,7 +85,7 @@ double pell_connector_rounding(const struct pell_connector *connector, int solid
     return solid >= 0 && (size_t) solid < connector->solids->count ? connector->trees[solid].rounding : 0.0;
 }
 
-static void aim(struct pell_ray_hit16 *r, int lane, struct pell_dvec3 from, struct pell_dvec3 along, double near, double far)
+static void set_ray(struct pell_ray_hit16 *r, int lane, struct pell_dvec3 from, struct pell_dvec3 along, double near, double far)
 {
     r->ray.ox[lane] = (float) from.x;
     r->ray.oy[lane] = (float) from.y;
@@ -102,7 +102,8 @@ static void aim(struct pell_ray_hit16 *r, int lane, struct pell_dvec3 from, stru
 }
 
 /* Bit mask of the unoccluded ones of up to 8 paths; e: mm of rounding error. The refracting triangle itself occludes neither segment. */
-static unsigned free_paths(const struct pell_connector *c, const struct query *q, double e, const struct path *const paths[8], int count)
+static unsigned unoccluded_paths(const struct pell_connector *c, const struct query *q, double e, const struct path *const paths[8],
+                                 int count)
 {
     _Alignas(64) int valid[16] = { 0 };
     struct pell_ray_hit16 r;
@@ -116,25 +117,25 @@ static unsigned free_paths(const struct pell_connector *c, const struct query *q
         const double unit = p->outside_mm < INFINITY ? 1.0 / p->outside_mm : 1.0;
         if (in < p->inside_mm) {
             valid[2 * i] = -1;
-            aim(&r, 2 * i, q->x, dvec3_sub(p->at, q->x), 0.0, 1.0 - in / p->inside_mm);
+            set_ray(&r, 2 * i, q->x, dvec3_sub(p->at, q->x), 0.0, 1.0 - in / p->inside_mm);
         }
         if (out < p->outside_mm) {
             valid[2 * i + 1] = -1;
-            aim(&r, 2 * i + 1, p->at, to, out * unit, p->outside_mm < INFINITY ? 1.0 : INFINITY);
+            set_ray(&r, 2 * i + 1, p->at, to, out * unit, p->outside_mm < INFINITY ? 1.0 : INFINITY);
         }
     }
     pell_rays_closest16(c->rays, valid, false, &r);
     for (int i = 0; i < count; i++) {
-        bool open = true;
+        bool clear = true;
         for (int k = 2 * i; k < 2 * i + 2; k++)
-            open = open && (!valid[k] || r.hit.mesh[k] == PELL_NO_HIT ||
-                            (k == 2 * i && r.hit.mesh[k] == paths[i]->facet->mesh && r.hit.triangle[k] == paths[i]->facet->triangle));
-        mask |= (unsigned) open << i;
+            clear = clear && (!valid[k] || r.hit.mesh[k] == PELL_NO_HIT ||
+                              (k == 2 * i && r.hit.mesh[k] == paths[i]->facet->mesh && r.hit.triangle[k] == paths[i]->facet->triangle));
+        mask |= (unsigned) clear << i;
     }
     return mask;
 }
 
-static void give(const struct query *q, const struct path *p, struct pell_connection *out)
+static void write_connection(const struct query *q, const struct path *p, struct pell_connection *out)
 {
     *out = (struct pell_connection) {
         .mesh = p->facet->mesh,
@@ -168,7 +169,7 @@ static int straight(const struct pell_connector *c, int solid, const struct quer
         return 0;
     memset(&r, 0, sizeof(r));
     p.inside = p.outside = q->distant ? to : dvec3_mul(to, 1.0 / distance);
-    aim(&r, 0, q->x, p.inside, 0.0, fmin(q->reach, distance));
+    set_ray(&r, 0, q->x, p.inside, 0.0, fmin(q->reach, distance));
     pell_rays_closest16(c->rays, valid, false, &r);
     *rays += 1;
     if (r.hit.mesh[0] >= c->solids->num_meshes || c->solids->of_mesh[r.hit.mesh[0]] != solid)
@@ -195,14 +196,14 @@ static int straight(const struct pell_connector *c, int solid, const struct quer
         const double near = c->trees[solid].rounding / fmax(p.facing_out, 0.01);
         if (near < p.outside_mm) {
             memset(&r, 0, sizeof(r));
-            aim(&r, 0, p.at, p.outside, near, p.outside_mm);
+            set_ray(&r, 0, p.at, p.outside, near, p.outside_mm);
             pell_rays_closest16(c->rays, valid, false, &r);
             *rays += 1;
             if (r.hit.mesh[0] != PELL_NO_HIT)
                 return 0;
         }
     }
-    give(q, &p, out);
+    write_connection(q, &p, out);
     return 1;
 }
 
@@ -240,7 +241,7 @@ int pell_connect(const struct pell_connector *connector, const struct pell_conne
             *rays += traced;
         return count;
     }
-    find(&q, &connector->trees[solid], connector->kernels);
+    find_paths(&q, &connector->trees[solid], connector->kernels);
     for (int i = 0; i < q.count; i++) {
         int at = i;
         for (; at > 0 && order[at - 1]->inside_mm > q.paths[i].inside_mm; at--)
@@ -249,11 +250,11 @@ int pell_connect(const struct pell_connector *connector, const struct pell_conne
     }
     for (int first = 0; first < q.count && count < max; first += 8) {
         const int n = q.count - first < 8 ? q.count - first : 8;
-        const unsigned open = free_paths(connector, &q, connector->trees[solid].rounding, order + first, n);
+        const unsigned unoccluded = unoccluded_paths(connector, &q, connector->trees[solid].rounding, order + first, n);
         traced += 2 * n;
         for (int i = 0; i < n && count < max; i++)
-            if (open >> i & 1)
-                give(&q, order[first + i], &out[count++]);
+            if (unoccluded >> i & 1)
+                write_connection(&q, order[first + i], &out[count++]);
     }
     if (rays)
         *rays += traced;

@@ -3,8 +3,8 @@
  * internal.h - shared by the files of connect.h: bvh.c builds the hierarchy and measures distances in it, solve.c finds refracting points
  * in one triangle, connect.c calls both and tests visibility.
  */
-#ifndef PELL_CONNECT_PARTS_H
-#define PELL_CONNECT_PARTS_H
+#ifndef PELL_REFRACTION_INTERNAL_H
+#define PELL_REFRACTION_INTERNAL_H
 
 #include "math/scalar.h"
 #include "transport/refraction/bvh_kernel.h"

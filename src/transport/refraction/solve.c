@@ -241,17 +241,17 @@ struct part {
     int depth;
 };
 
-/* Bounds of a curved triangle in single precision. */
-struct bounds {
-    float x[3], light[3], is_near, ex1, ex2, ey2, eta, sign, grazing, n[3], nu[3], nv[3];
+/* A curved triangle in single precision, for bounds; `finite`: 0 for a distant light, else 1. */
+struct curved_single {
+    float x[3], light[3], finite, ex1, ex2, ey2, eta, sign, grazing, n[3], nu[3], nv[3];
 };
 
-static struct bounds bounds_of(const struct curved *c)
+static struct curved_single to_single(const struct curved *c)
 {
-    return (struct bounds) {
+    return (struct curved_single) {
         .x = { (float) c->x.x, (float) c->x.y, (float) c->x.z },
         .light = { (float) c->light.x, (float) c->light.y, (float) c->light.z },
-        .is_near = c->distant ? 0.0f : 1.0f,
+        .finite = c->distant ? 0.0f : 1.0f,
         .ex1 = (float) c->ex1,
         .ex2 = (float) c->ex2,
         .ey2 = (float) c->ey2,
@@ -266,12 +266,12 @@ static struct bounds bounds_of(const struct curved *c)
 
 /* Whether H can be along n within `radius` of (u, v), where n turns by at most `turn`: bounds that hold at any distance, as for nodes.
  * `near`: reciprocal of the distance to x or the light. */
-static inline int is_possible(const struct bounds *b, float u, float v, float radius, float turn, float *near)
+static inline int is_possible(const struct curved_single *b, float u, float v, float radius, float turn, float *near)
 {
     const float px = u * b->ex1 + v * b->ex2, py = v * b->ey2, ax = b->x[0] - px, ay = b->x[1] - py, z = b->x[2];
-    const float bx = b->light[0] - b->is_near * px, by = b->light[1] - b->is_near * py, lz = b->light[2], eta = b->eta;
+    const float bx = b->light[0] - b->finite * px, by = b->light[1] - b->finite * py, lz = b->light[2], eta = b->eta;
     const float iv = 1.0f / sqrtf(ax * ax + ay * ay + z * z), il = 1.0f / sqrtf(bx * bx + by * by + lz * lz);
-    const float sv = radius * iv, sl = b->is_near * radius * il;
+    const float sv = radius * iv, sl = b->finite * radius * il;
     const float spread = eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 2e-6f;
     const float hx = eta * ax * iv + bx * il, hy = eta * ay * iv + by * il, hz = eta * z * iv + lz * il;
     const float mx = b->n[0] + u * b->nu[0] + v * b->nv[0], my = b->n[1] + u * b->nu[1] + v * b->nv[1];
@@ -283,25 +283,25 @@ static inline int is_possible(const struct bounds *b, float u, float v, float ra
     const int inside = (sv >= 1.0f) | (sl >= 1.0f);
     const int along = (facing >= cosine * cb - sine * sb - 4e-6f) | (sb >= 0.99f) | (sine >= 0.99f);
 
-    *near = LARGER(iv, b->is_near * il);
+    *near = LARGER(iv, b->finite * il);
     return inside | ((h <= b->grazing + spread) & along);
 }
 
 /* The quarters of a part where H can be along n. Returns their number. */
-static int quarter(const struct curved *c, const struct bounds *bounds, const struct part *part, struct part *out)
+static int quarter(const struct curved *c, const struct curved_single *single, const struct part *part, struct part *out)
 {
     static const float at[QUARTERS][3] = { { 0.0f, 0.0f, 1.0f }, { 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, -1.0f } };
     const float half = 0.5f * (float) part->side, radius = (float) c->radius * fabsf(half), turn = (float) c->turn * fabsf(half);
     float near[QUARTERS];
-    int open[QUARTERS], count = 0;
+    int possible[QUARTERS], count = 0;
 
     for (int i = 0; i < QUARTERS; i++) {
         const float u = (float) part->u + half * (at[i][0] + at[i][2] * (1.0f / 3.0f));
         const float v = (float) part->v + half * (at[i][1] + at[i][2] * (1.0f / 3.0f));
-        open[i] = is_possible(bounds, u, v, radius, turn, &near[i]);
+        possible[i] = is_possible(single, u, v, radius, turn, &near[i]);
     }
     for (int i = 0; i < QUARTERS; i++)
-        if (open[i])
+        if (possible[i])
             out[count++] =
                 (struct part) { part->u + 0.5 * part->side * (double) at[i][0], part->v + 0.5 * part->side * (double) at[i][1],
                                 0.5 * part->side * (double) at[i][2], c->size * fabs((double) half) * (double) near[i], part->depth + 1 };
@@ -311,7 +311,7 @@ static int quarter(const struct curved *c, const struct bounds *bounds, const st
 enum verdict { EMPTY, LINEAR, WILD };
 
 /* Quadratic approximation of r over a part: six values define a patch that is contained in the hull of its Bezier points. */
-static enum verdict weigh(const struct curved *c, const struct part *part, double start[2])
+static enum verdict classify(const struct curved *c, const struct part *part, double start[2])
 {
     static const double at[6][2] = { { 0, 0 }, { 1, 0 }, { 0, 1 }, { 0.5, 0 }, { 0.5, 0.5 }, { 0, 0.5 } };
     double r[6][2], bend = 0.0, area, longest = 0.0, near;
@@ -352,7 +352,7 @@ static enum verdict weigh(const struct curved *c, const struct part *part, doubl
     return fabs(area) > 12.0 * bend * longest ? LINEAR : WILD;
 }
 
-static void search(struct curved *c, const struct bounds *bounds)
+static void search(struct curved *c, const struct curved_single *single)
 {
     struct part stack[3 * MAX_DEPTH + 4];
     int count = 0, evaluated = 0;
@@ -366,7 +366,7 @@ static void search(struct curved *c, const struct bounds *bounds)
         evaluated += 4;
         if (p.near < NEARLY_LINEAR || last) {
             double start[2];
-            const enum verdict verdict = weigh(c, &p, start);
+            const enum verdict verdict = classify(c, &p, start);
             if (verdict == EMPTY)
                 continue;
             if (verdict == LINEAR || last) {
@@ -377,7 +377,7 @@ static void search(struct curved *c, const struct bounds *bounds)
                 continue;
             }
         }
-        count += quarter(c, bounds, &p, stack + count);
+        count += quarter(c, single, &p, stack + count);
     }
 }
 
@@ -392,7 +392,7 @@ static inline struct pell_dvec3 from_frame(const struct curved *c, struct pell_d
 }
 
 /* A barycentric coordinate of the triangle at (u, v) of a piece. */
-static double along(const struct piece *p, int k, double u, double v)
+static double barycentric_at(const struct piece *p, int k, double u, double v)
 {
     return (1.0 - u - v) * (double) p->uv[0][k] + u * (double) p->uv[1][k] + v * (double) p->uv[2][k];
 }
@@ -414,8 +414,8 @@ static void keep_roots(struct query *q, const struct curved *c, const struct pie
         p.facing_out = s.l.z;
         if (!(cos_i > 0.0 && p.cos_o > 0.0 && p.facing_in > 0.0 && p.facing_out > 0.0 && s.n.z > 0.0))
             continue;
-        p.u = along(piece, 0, u, v);
-        p.v = along(piece, 1, u, v);
+        p.u = barycentric_at(piece, 0, u, v);
+        p.v = barycentric_at(piece, 1, u, v);
         p.at = dvec3_mad(c->p0, 1.0, from_frame(c, at));
         p.normal = from_frame(c, dvec3_mul(s.n, 1.0 / n));
         p.inside = from_frame(c, dvec3_mul(s.v, -1.0));
@@ -464,12 +464,12 @@ static bool make_curved(const struct query *q, const struct facet *f, const stru
 static void solve_piece(struct query *q, const struct facet *f, const struct piece *piece)
 {
     struct curved c;
-    struct bounds bounds;
+    struct curved_single single;
 
     if (!make_curved(q, f, piece, &c))
         return;
-    bounds = bounds_of(&c);
-    search(&c, &bounds);
+    single = to_single(&c);
+    search(&c, &single);
     keep_roots(q, &c, piece);
 }
 
@@ -479,7 +479,7 @@ struct outline {
     int longest;
 };
 
-static struct outline outline_of(const struct bounds *b, const struct piece *p)
+static struct outline outline_of(const struct curved_single *b, const struct piece *p)
 {
     struct outline o = { .u = (p->uv[0][0] + p->uv[1][0] + p->uv[2][0]) / 3.0f, .v = (p->uv[0][1] + p->uv[1][1] + p->uv[2][1]) / 3.0f };
     float radius2 = 0.0f, turn2 = 0.0f;
@@ -520,16 +520,16 @@ static const struct piece full_triangle = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 
 
 /* A sliver is bisected first: its quarters would be equally elongated, and four times as many. */
 static void solve_sliver(struct query *q, const struct facet *f, const struct piece *of, const struct curved *c,
-                         const struct bounds *bounds)
+                         const struct curved_single *single)
 {
     struct piece stack[MAX_DEPTH + 2] = { full_triangle };
     int count = 1;
 
     while (count > 0) {
         const struct piece p = stack[--count];
-        const struct outline o = outline_of(bounds, &p);
+        const struct outline o = outline_of(single, &p);
         float near;
-        if (!is_possible(bounds, o.u, o.v, o.radius, o.turn, &near))
+        if (!is_possible(single, o.u, o.v, o.radius, o.turn, &near))
             continue;
         if (p.depth < MAX_DEPTH && (double) o.longest2 > PELL_CONNECT_SLIVER * c->area2 / (double) (1u << p.depth) &&
             (double) (sqrtf(o.longest2) * near) >= NEARLY_LINEAR) {
@@ -539,7 +539,7 @@ static void solve_sliver(struct query *q, const struct facet *f, const struct pi
             struct piece part = { .depth = p.depth };
             for (int i = 0; i < 3; i++)
                 for (int k = 0; k < 2; k++)
-                    part.uv[i][k] = (float) along(of, k, (double) p.uv[i][0], (double) p.uv[i][1]);
+                    part.uv[i][k] = (float) barycentric_at(of, k, (double) p.uv[i][0], (double) p.uv[i][1]);
             solve_piece(q, f, &part);
         }
     }
@@ -549,16 +549,16 @@ static void solve_curved(struct query *q, const struct facet *f)
 {
     const struct piece piece = facet_piece(f);
     struct curved c;
-    struct bounds bounds;
+    struct curved_single single;
 
     if (!make_curved(q, f, &piece, &c))
         return;
-    bounds = bounds_of(&c);
+    single = to_single(&c);
     if (c.size * c.size > PELL_CONNECT_SLIVER * c.area2) {
-        solve_sliver(q, f, &piece, &c, &bounds);
+        solve_sliver(q, f, &piece, &c, &single);
         return;
     }
-    search(&c, &bounds);
+    search(&c, &single);
     keep_roots(q, &c, &piece);
 }
 

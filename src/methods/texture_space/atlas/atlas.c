@@ -30,8 +30,8 @@ void ts_atlas_destroy(struct ts_atlas **atlas)
         pell_free(a->ctx, a->key - TS_MARGIN);
     pell_free(a->ctx, a->source);
     pell_free(a->ctx, a->metric);
-    pell_free(a->ctx, a->turns);
-    pell_free(a->ctx, a->first_turn);
+    pell_free(a->ctx, a->orientations);
+    pell_free(a->ctx, a->first_orientation);
     pell_free(a->ctx, a->borders);
     pell_free(a->ctx, a->fills);
     pell_free(a->ctx, a->first_with_sources);
@@ -127,7 +127,7 @@ fail:
     return res;
 }
 
-/* Rasterizes the laid out triangles, including overlaps. */
+/* Area of the laid out triangles, texels; overlaps count several times. */
 static double covered(const struct ts_atlas_build *b)
 {
     double sum = 0.0;
@@ -156,7 +156,7 @@ static enum pell_result lay_out_set(struct ts_atlas_build *b, int set, uint32_t 
 static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
-    const char *defect = NULL, *still = NULL;
+    const char *defect = NULL, *remaining_defect = NULL;
     enum pell_result res;
 
     for (int set = 0; set < PELL_UV_SETS && b->p->charts != TS_CHARTS_PLANAR; set++) {
@@ -172,10 +172,10 @@ static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
         ts_atlas_number_charts(b, order);
         if (a->num_charts <= MAX_SEPARATED && !pell_cancelled(b->ctx)) {
             PELL_TRY(ts_atlas_separate(b));
-            still = OVERLAPS;
+            remaining_defect = OVERLAPS;
             if (covered(b) >= MIN_SEPARATED_COVERAGE * a->width * a->height)
-                PELL_TRY(cover(b, order, &still));
-            if (!still) {
+                PELL_TRY(cover(b, order, &remaining_defect));
+            if (!remaining_defect) {
                 a->charts_separated = true;
                 a->defect = defect;
                 return PELL_OK;

@@ -303,11 +303,11 @@ enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *
     a->num_squares = squares;
     for (size_t i = 2; i < squares + 2; i++)
         a->first_border[i] += a->first_border[i - 1];
-    for (int mended = 0; mended < 2; mended++) {
+    for (int with_sources = 0; with_sources < 2; with_sources++) {
         for (size_t i = 0; i < a->num_borders; i++)
-            if ((sorted[i].sources > 0) == mended)
+            if ((sorted[i].sources > 0) == with_sources)
                 a->fills[a->first_border[square_of(a, &sorted[i]) + 1]++] = fill_of(&sorted[i]);
-        for (size_t i = 0; i < squares && !mended; i++)
+        for (size_t i = 0; i < squares && !with_sources; i++)
             a->first_with_sources[i] = a->first_border[i + 1];
     }
     pell_free(b->ctx, sorted);
@@ -328,7 +328,7 @@ struct edge_search {
 static struct ts_orientation orientation_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f, struct pell_vec3 dir,
                                             uint32_t to, struct pell_vec3 there)
 {
-    struct ts_orientation turn = { .triangle = to };
+    struct ts_orientation orientation = { .triangle = to };
     struct pell_vec3 p[3], q[3], along[2], across[2];
     double gram[3], det;
 
@@ -350,15 +350,15 @@ static struct ts_orientation orientation_of(const struct ts_atlas *a, uint32_t t
         const struct pell_vec3 step = vec3_mad(vec3_mul(p[1], (float) f->u[1 + i]), (float) f->v[1 + i], p[2]);
         const struct pell_vec3 moved = vec3_mad(vec3_mul(along[1], vec3_dot(step, along[0])), vec3_dot(step, across[0]), across[1]);
         const double r0 = (double) vec3_dot(moved, q[1]), r1 = (double) vec3_dot(moved, q[2]);
-        turn.u[i] = det > 0.0 ? (float) ((r0 * gram[2] - r1 * gram[1]) / det) : 0.0f;
-        turn.v[i] = det > 0.0 ? (float) ((r1 * gram[0] - r0 * gram[1]) / det) : 0.0f;
+        orientation.u[i] = det > 0.0 ? (float) ((r0 * gram[2] - r1 * gram[1]) / det) : 0.0f;
+        orientation.v[i] = det > 0.0 ? (float) ((r1 * gram[0] - r0 * gram[1]) / det) : 0.0f;
     }
-    return turn;
+    return orientation;
 }
 
 /* Locates a border texel by continuing over the surface beyond its edge. */
 static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struct ts_border *border, struct ts_bilinear *location,
-                       struct ts_orientation *turn)
+                       struct ts_orientation *orientation)
 {
     struct ts_atlas *a = b->a;
     const ptrdiff_t at = y * a->stride + x;
@@ -391,8 +391,8 @@ static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struc
         return false;
     b->texel_position[at] = position_of(a, to, (float) from[0], (float) from[1]);
     a->key[at] = (float) a->chart[t];
-    *turn = orientation_of(a, t, &f, straight, to, there);
-    turn->at = (int32_t) at;
+    *orientation = orientation_of(a, t, &f, straight, to, there);
+    orientation->at = (int32_t) at;
     ts_atlas_set_metric(a, at, &m);
     return true;
 }
@@ -406,7 +406,7 @@ static void cross_row(void *arg, int y, int worker)
 
     for (int x = 0; x < b->a->width; x++) {
         const uint32_t h = edge_search->edge[y * b->a->stride + x];
-        if (h != NONE && cross_edge(b, h, x, y, &b->a->borders[next], &b->border_source[next], &b->turn[next]))
+        if (h != NONE && cross_edge(b, h, x, y, &b->a->borders[next], &b->border_source[next], &b->orientation[next]))
             next++;
     }
     edge_search->count[y] = (int) (next - edge_search->first[y]);
@@ -460,9 +460,9 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     }
     a->borders = pell_alloc_array(b->ctx, count + 1, sizeof(*a->borders));
     b->border_source = pell_alloc_array(b->ctx, count + 1, sizeof(*b->border_source));
-    b->turn = pell_alloc_array(b->ctx, count + 1, sizeof(*b->turn));
-    a->first_turn = pell_alloc_array(b->ctx, (size_t) a->height + 1, sizeof(*a->first_turn));
-    if (!a->borders || !b->border_source || !b->turn || !a->first_turn)
+    b->orientation = pell_alloc_array(b->ctx, count + 1, sizeof(*b->orientation));
+    a->first_orientation = pell_alloc_array(b->ctx, (size_t) a->height + 1, sizeof(*a->first_orientation));
+    if (!a->borders || !b->border_source || !b->orientation || !a->first_orientation)
         goto fail;
     PELL_TRY(ts_atlas_unfold(b));
     pell_pool_run(b->p->pool, a->height, cross_row, &edge_search);
@@ -472,21 +472,21 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     for (int y = 0; y < a->height; y++) {
         const size_t n = (size_t) edge_search.count[y];
         memmove(a->borders + a->num_borders, a->borders + edge_search.first[y], n * sizeof(*a->borders));
-        a->first_turn[y] = a->num_borders;
-        memmove(b->turn + a->num_borders, b->turn + edge_search.first[y], n * sizeof(*b->turn));
+        a->first_orientation[y] = a->num_borders;
+        memmove(b->orientation + a->num_borders, b->orientation + edge_search.first[y], n * sizeof(*b->orientation));
         memmove(b->border_source + a->num_borders, b->border_source + edge_search.first[y], n * sizeof(*b->border_source));
         a->num_borders += n;
     }
-    a->first_turn[a->height] = a->num_borders;
-    a->turns = b->turn;
-    b->turn = NULL;
+    a->first_orientation[a->height] = a->num_borders;
+    a->orientations = b->orientation;
+    b->orientation = NULL;
     res = PELL_OK;
 
 fail:
     pell_free(b->ctx, b->hinge);
     b->hinge = NULL;
-    pell_free(b->ctx, b->turn);
-    b->turn = NULL;
+    pell_free(b->ctx, b->orientation);
+    b->orientation = NULL;
     pell_free(b->ctx, edge_search.first);
     pell_free(b->ctx, edge_search.count);
     pell_free(b->ctx, near);

@@ -7,8 +7,8 @@
 
 #include "visibility/buried.h"
 
-#define CLEAR 1e-4f  /* relative to the largest coordinate, and to a texel: offset of a ray's origin */
-#define MAX_PARTS 64 /* with more parts, boxes are not compared and all parts are tested */
+#define CLEARANCE 1e-4f /* relative to the largest coordinate, and to a texel: offset of a ray's origin */
+#define MAX_PARTS 64    /* with more parts, boxes are not compared and all parts are tested */
 
 struct search {
     struct ts_atlas_build *b;
@@ -73,7 +73,7 @@ static void search_band(void *arg, int band, int worker)
             if (part == NONE || !s->intersects[part])
                 continue;
             ts_point_of(a, a->source[at], a->bary[0][at], a->bary[1][at], &p->position, &p->normal, &largest);
-            p->clearance = CLEAR * fmaxf(largest, (float) a->mm_per_texel);
+            p->clearance = CLEARANCE * fmaxf(largest, (float) a->mm_per_texel);
             p->object = a->scene->meshes[a->triangles[a->source[at]].mesh].object;
             texels[count++] = at;
             if (count == PELL_PACKET) {

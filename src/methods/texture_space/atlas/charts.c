@@ -10,7 +10,7 @@
 #define CHART_COSINE 0.7     /* lower bound of the cosine between a planar chart's normals and its axis */
 #define MIN_CHART_AREA 0.002 /* relative to the area: smaller charts are merged into adjacent ones */
 #define JOIN_COSINE 0.3f     /* lower bound of the cosine for merging */
-#define APART 4.0            /* texels between overlapping layers of a projection */
+#define LAYER_DISTANCE 4.0   /* texels between overlapping layers of a projection */
 #define MAX_COVER_SIZE 2048  /* maximum resolution of the overlap test, texels per side */
 #define ROUNDS_MOST 64
 
@@ -146,7 +146,7 @@ static bool cover_texel(struct cover *g, const struct ts_flat_chart *c, int x, i
     while (g->texel[i] && g->texel[i] != key)
         i = (i + 1) & g->mask;
     if (!put)
-        return g->texel[i] && fabs((double) g->depth[i] - depth) > APART;
+        return g->texel[i] && fabs((double) g->depth[i] - depth) > LAYER_DISTANCE;
     if (!g->texel[i] && 4 * g->count < 3 * g->mask) {
         g->texel[i] = key;
         g->depth[i] = (float) depth;
@@ -250,7 +250,7 @@ static void grow_chart(struct ts_atlas_build *b, struct cover *g, uint32_t seed,
     }
 }
 
-/* Gaps between charts are too narrow to be blurred as charts of their own: their triangles join adjacent charts one by one, while they face
+/* Small charts are too narrow to be blurred by themselves: their triangles join adjacent charts one by one, while they face
  * the axis and overlap nothing. */
 static void connect_small(struct ts_atlas_build *b, struct cover *g, struct ts_flat_chart *charts)
 {
@@ -356,9 +356,9 @@ enum pell_result ts_atlas_separate(struct ts_atlas_build *b)
         }
     for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         struct ts_flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
-        const double mm = c && flat[c->number - 1] > 1e-9 ? sqrt(c->area / flat[c->number - 1]) : 0.0; /* texels per layout unit */
+        const double mm_per_texel = c && flat[c->number - 1] > 1e-9 ? sqrt(c->area / flat[c->number - 1]) : 0.0; /* in the layout so far */
         for (int k = 0; c && k < 6; k++) {
-            a->corners[t][k] *= (float) mm;
+            a->corners[t][k] *= (float) mm_per_texel;
             c->low[k % 2] = fmin(c->low[k % 2], (double) a->corners[t][k]);
             c->high[k % 2] = fmax(c->high[k % 2], (double) a->corners[t][k]);
         }

@@ -6,17 +6,14 @@
 
 #include "base/pool.h"
 
-#define TAPS_SIGMAS 3  /* approximate width of a border in standard deviations */
-#define MAX_TILT 0.25f /* upper bound of the relative change of a tap's weight over one standard deviation */
-
-/* A step along x, or along the perpendicular line. */
-struct dir {
+/* The end of a line of texels along x, or perpendicular to it. */
+struct line_end {
     struct pell_vec3 end;
     float length; /* mm */
 };
 
-/* Steps up to `steps` texels within a chart; false: no step is possible. */
-static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign, int steps, struct dir *out)
+/* Follows a line for up to `steps` texels within a chart; false: it ends before half of them. */
+static bool follow_line(const struct ts_atlas_build *b, int x, int y, int axis, int sign, int steps, struct line_end *out)
 {
     const struct ts_atlas *a = b->a;
     const ptrdiff_t from = y * a->stride + x;
@@ -45,21 +42,19 @@ static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign,
 static struct pell_vec3 bend_of(const struct ts_atlas_build *b, int x, int y, int axis, int steps)
 {
     const struct pell_vec3 at = b->texel_position[y * b->a->stride + x];
-    struct dir dir[2];
+    struct line_end line[2];
 
-    if (!go(b, x, y, axis, 1, steps, &dir[0]) || !go(b, x, y, axis, -1, steps, &dir[1]))
+    if (!follow_line(b, x, y, axis, 1, steps, &line[0]) || !follow_line(b, x, y, axis, -1, steps, &line[1]))
         return vec3(0.0f, 0.0f, 0.0f);
     return vec3_mul(
-        vec3_add(vec3_mul(vec3_sub(dir[0].end, at), 1.0f / dir[0].length), vec3_mul(vec3_sub(dir[1].end, at), 1.0f / dir[1].length)),
-        2.0f / (dir[0].length + dir[1].length));
+        vec3_add(vec3_mul(vec3_sub(line[0].end, at), 1.0f / line[0].length), vec3_mul(vec3_sub(line[1].end, at), 1.0f / line[1].length)),
+        2.0f / (line[0].length + line[1].length));
 }
 
 /* In texels. */
 static float tilt_of(struct pell_vec3 bend, struct pell_vec3 dir, float length, float most)
 {
-    const float tilt = -0.5f * vec3_dot(bend, vec3_normalize(dir)) * length;
-
-    return tilt > -most ? tilt < most ? tilt : most : tilt < 0.0f ? -most : 0.0f; /* NaN becomes 0 */
+    return clamp_tilt(-0.5f * vec3_dot(bend, vec3_normalize(dir)) * length, most);
 }
 
 /* Blurs follow straight lines of the layout, which are not geodesics of the surface: their taps drift aside by s^2/2 times the geodesic

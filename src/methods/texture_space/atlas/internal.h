@@ -13,6 +13,8 @@
 #define NONE UINT32_MAX
 #define COVERED_PLANAR 0.6 /* upper bound of the fraction of the map that planar charts cover */
 #define BAND 16            /* rows per task */
+#define TAPS_SIGMAS 3      /* approximate width of a border in standard deviations */
+#define MAX_TILT 0.25f     /* upper bound of the relative change of a tap's weight over one standard deviation */
 
 struct ts_hinge;
 
@@ -27,16 +29,22 @@ struct ts_atlas_build {
     double *area;           /* per triangle, mm^2 */
     struct ts_hinge *hinge; /* per half-edge; for walks */
     double total_area;
-    bool *buried;                      /* per texel: removed from its chart; NULL: none */
-    struct pell_vec3 *texel_position;  /* position of each texel, mm */
-    struct ts_bilinear *border_source; /* where each border texel reads */
-    struct ts_orientation *turn;       /* and its orientation there */
-    int64_t claimed, twice;            /* texels covered by at least one, and by several triangles */
+    bool *buried;                       /* per texel: removed from its chart; NULL: none */
+    struct pell_vec3 *texel_position;   /* position of each texel, mm */
+    struct ts_bilinear *border_source;  /* where each border texel reads */
+    struct ts_orientation *orientation; /* and its orientation there */
+    int64_t claimed, twice;             /* texels covered by at least one, and by several triangles */
 };
 
 static inline void corner_points(const struct ts_atlas *a, uint32_t t, struct pell_vec3 p[3])
 {
     pell_triangle_corners(&a->scene->meshes[a->triangles[t].mesh], a->triangles[t].triangle, p);
+}
+
+/* Limits a tilt to [-most, most]; NaN becomes 0. */
+static inline float clamp_tilt(float tilt, float most)
+{
+    return tilt > -most ? tilt < most ? tilt : most : tilt < 0.0f ? -most : 0.0f;
 }
 
 /* update.c: hash of all vertex positions. */
@@ -183,7 +191,7 @@ PELL_NODISCARD enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b);
 void ts_atlas_rasterize(struct ts_atlas_build *b);
 /* A triangle that covers no texel centre gets the texel that contains it. */
 void ts_atlas_rescue(struct ts_atlas_build *b);
-/* Derivatives of a triangle's u and v along x and y in its own layout. */
+/* The metric of a triangle, by the derivatives of its u and v along x and y; and in its own layout. */
 struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, const double u[2], const double v[2]);
 struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f);
 void ts_atlas_set_metric(struct ts_atlas *a, ptrdiff_t at, const struct ts_metric *m);

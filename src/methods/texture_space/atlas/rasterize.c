@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * ts_atlas_rasterize.c - the planes of an atlas, and which texels each triangle covers.
+ * rasterize.c - the planes of an atlas, and which texels each triangle covers.
  */
 #include "methods/texture_space/atlas/internal.h"
 
 #include <string.h>
 
-#define LEAN_MOST 8.0f
+#define MAX_SKEW 8.0f
 #define MIN_LENGTH 1e-9f /* mm per texel */
 #define MAX_LENGTH 1e9f
 
@@ -47,7 +47,7 @@ struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, con
         dir[i] = vec3_mad(vec3_mul(e[0], (float) u[i]), (float) v[i], e[1]);
     square = vec3_dot(dir[0], dir[0]);
     m.skew = square > 0.0f ? vec3_dot(dir[0], dir[1]) / square : 0.0f;
-    if (!(fabsf(m.skew) < LEAN_MOST))
+    if (!(fabsf(m.skew) < MAX_SKEW))
         m.skew = 0.0f;
     m.length[0] = fminf(fmaxf(vec3_length(dir[0]), MIN_LENGTH), MAX_LENGTH);
     m.length[1] = fminf(fmaxf(vec3_length(vec3_mad(dir[1], -m.skew, dir[0])), MIN_LENGTH), MAX_LENGTH);

@@ -8,9 +8,6 @@
 #include "base/hash.h"
 #include "base/pool.h"
 
-#define TAPS_SIGMAS 3  /* approximate width of a border in standard deviations */
-#define MAX_TILT 0.25f /* upper bound of the relative change of a tap's weight over one standard deviation */
-
 uint64_t ts_atlas_hash(const struct pell_scene *scene, const struct pell_solids *solids, size_t solid)
 {
     uint64_t hash = 0;
@@ -63,11 +60,12 @@ static void measure_rows(void *arg, int band, int worker)
 
     (void) worker;
     for (int y = band * BAND; y < (band + 1) * BAND && y < a->height; y++) {
-        for (size_t i = a->first_turn[y]; i < a->first_turn[y + 1]; i++) {
-            const struct ts_orientation *turn = &a->turns[i];
-            const double u[2] = { (double) turn->u[0], (double) turn->u[1] }, v[2] = { (double) turn->v[0], (double) turn->v[1] };
-            const struct ts_metric m = ts_atlas_metric_along(a, turn->triangle, u, v);
-            ts_atlas_set_metric(a, turn->at, &m);
+        for (size_t i = a->first_orientation[y]; i < a->first_orientation[y + 1]; i++) {
+            const struct ts_orientation *orientation = &a->orientations[i];
+            const double u[2] = { (double) orientation->u[0], (double) orientation->u[1] },
+                         v[2] = { (double) orientation->v[0], (double) orientation->v[1] };
+            const struct ts_metric m = ts_atlas_metric_along(a, orientation->triangle, u, v);
+            ts_atlas_set_metric(a, orientation->at, &m);
         }
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
             for (int b = a->runs[r].from; b < a->runs[r].to; b++) {
@@ -81,20 +79,15 @@ static void measure_rows(void *arg, int band, int worker)
 }
 
 /* Curvature of lines from the change of lengths across them: for lines x = const the derivative of ly along x, over ly. */
-static float change_of(const struct ts_atlas *a, const float *length, ptrdiff_t at, ptrdiff_t pace, int steps, int low, int high)
+static float change_of(const struct ts_atlas *a, const float *length, ptrdiff_t at, ptrdiff_t pitch, int steps, int low, int high)
 {
     int back = steps < low ? steps : low, ahead = steps < high ? steps : high;
 
-    while (back > 0 && a->key[at - back * pace] != a->key[at])
+    while (back > 0 && a->key[at - back * pitch] != a->key[at])
         back /= 2;
-    while (ahead > 0 && a->key[at + ahead * pace] != a->key[at])
+    while (ahead > 0 && a->key[at + ahead * pitch] != a->key[at])
         ahead /= 2;
-    return back + ahead > 0 ? (length[at + ahead * pace] - length[at - back * pace]) / ((float) (back + ahead) * length[at]) : 0.0f;
-}
-
-static float within(float tilt, float most)
-{
-    return tilt > -most ? tilt < most ? tilt : most : tilt < 0.0f ? -most : 0.0f;
+    return back + ahead > 0 ? (length[at + ahead * pitch] - length[at - back * pitch]) / ((float) (back + ahead) * length[at]) : 0.0f;
 }
 
 static void tilt_rows(void *arg, int band, int worker)
@@ -110,8 +103,8 @@ static void tilt_rows(void *arg, int band, int worker)
                 const ptrdiff_t at = y * a->stride + x;
                 if (a->source[at] == NONE)
                     continue;
-                a->tilt[0][at] = within(0.5f * change_of(a, a->length[1], at, 1, steps, x, a->width - 1 - x), most);
-                a->tilt[1][at] = within(0.5f * change_of(a, a->length[0], at, a->stride, steps, y, a->height - 1 - y), most);
+                a->tilt[0][at] = clamp_tilt(0.5f * change_of(a, a->length[1], at, 1, steps, x, a->width - 1 - x), most);
+                a->tilt[1][at] = clamp_tilt(0.5f * change_of(a, a->length[0], at, a->stride, steps, y, a->height - 1 - y), most);
             }
 }
 

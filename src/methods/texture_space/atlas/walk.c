@@ -53,7 +53,7 @@ enum pell_result ts_atlas_unfold(struct ts_atlas_build *b)
     return PELL_OK;
 }
 
-/* Unit vectors of a triangle's first edge, and perpendicular to it toward the third corner; false: no area. */
+/* Unit vectors along a half-edge, and perpendicular to it toward the third corner; false: no area. */
 static bool axes_of(const struct ts_atlas *a, uint32_t half, struct pell_vec3 axis[2])
 {
     const uint32_t k = half % 3;
