@@ -26,7 +26,7 @@ struct pt_walk {
     bool entered;    /* through its first surface; else it is the reflection */
     bool hit_opaque; /* an opaque surface reflected it */
     bool crossed;    /* a surface since the last scattering event */
-    /* A smooth surface on every edge between scattering events, since the camera or a rough surface: no light path can be connected to it. */
+    /* A smooth surface on every edge between scattering events since the camera or a rough surface: no light path can be connected. */
     bool all_specular;
     enum pt_last last;
     float density;                /* PT_LAST_SURFACE: of w, per sr */

@@ -87,20 +87,7 @@ extern const struct pell_shader pell_texture_space_clear_shader, pell_texture_sp
     pell_texture_space_fill_shader, pell_texture_space_add_shader, pell_texture_space_transmission_weights_shader,
     pell_texture_space_transmit_shader;
 
-enum pass {
-    CLEAR,
-    ACROSS,
-    DOWN,
-    SEVEN_ACROSS,
-    SEVEN_DOWN,
-    FILL_NOW,
-    FILL_SUM,
-    ADD,
-    TRANSMISSION_WEIGHTS,
-    TRANSMIT,
-    TRANSMIT_TO_SUM,
-    PASSES
-};
+enum pass { CLEAR, ACROSS, DOWN, SEVEN_ACROSS, SEVEN_DOWN, FILL_NOW, FILL_SUM, ADD, WEIGH, TRANSMIT, TRANSMIT_SHARP, PASSES };
 
 static const struct {
     const struct pell_shader *shader;
@@ -115,9 +102,9 @@ static const struct {
     [FILL_NOW] = { &pell_texture_space_fill_shader, { FILLS, SOURCES, NOW }, 0 },
     [FILL_SUM] = { &pell_texture_space_fill_shader, { FILLS, SOURCES, SUM }, 0 },
     [ADD] = { &pell_texture_space_add_shader, { NOW, SUM }, 0 },
-    [TRANSMISSION_WEIGHTS] = { &pell_texture_space_transmission_weights_shader, { TEXELS, NOW, TABLE, WEIGHTS }, 0 },
+    [WEIGH] = { &pell_texture_space_transmission_weights_shader, { TEXELS, NOW, TABLE, WEIGHTS }, 0 },
     [TRANSMIT] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, TRANSMITTED }, 0 },
-    [TRANSMIT_TO_SUM] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, SUM }, 0 },
+    [TRANSMIT_SHARP] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, SUM }, 0 },
 };
 
 struct ts_device {
@@ -573,12 +560,12 @@ static void transmission_weights(struct ts_blurring *p)
     d->push.variance = (float) profile->variance[p->level];
     d->push.reach = TS_FADE_REACH * (float) sqrt(profile->variance[p->level]);
     set_weight(&d->push, profile->weight[p->level]);
-    run_entries(d, TRANSMISSION_WEIGHTS, p->st->tsm.count);
+    run_entries(d, WEIGH, p->st->tsm.count);
 }
 
 static void transmit(struct ts_blurring *p)
 {
-    run_entries(p->st->device, p->st->knobs.soften ? TRANSMIT : TRANSMIT_TO_SUM, p->st->tsm.count);
+    run_entries(p->st->device, p->st->knobs.soften ? TRANSMIT : TRANSMIT_SHARP, p->st->tsm.count);
 }
 
 static void blur(struct ts_blurring *p, const struct ts_blur *b, int blurred)
