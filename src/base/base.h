@@ -40,10 +40,10 @@ void pell_log_downgrade(struct pell_context *ctx, int change);
 void pell_progress(struct pell_context *ctx, const char *task, double fraction);
 bool pell_cancelled(const struct pell_context *ctx);
 /* The same for loops of many millions of steps that call it at every step: it checks at every 2^17th, which is some ms later. */
-#define PELL_STEPS_A_LOOK (1u << 17)
+#define PELL_CANCEL_INTERVAL (1u << 17)
 static inline bool pell_cancelled_at(const struct pell_context *ctx, uint64_t step)
 {
-    return step % PELL_STEPS_A_LOOK == 0 && pell_cancelled(ctx);
+    return step % PELL_CANCEL_INTERVAL == 0 && pell_cancelled(ctx);
 }
 
 /* --- context.c --------------------------------------------------------------------------------------------------------------- */
@@ -89,13 +89,13 @@ struct pell_text {
     size_t length;
 };
 void pell_text_add(struct pell_text *text, const char *fmt, ...) PELL_PRINTF(2, 3);
-/* Adds the path of a file and what stands behind it (": "); `instead` if the path is empty: what is in memory comes from no file. */
-void pell_text_add_path(struct pell_text *text, const char *path, const char *behind, const char *instead);
+/* Adds the path of a file and what follows it (`separator`, ": "); `instead` if the path is empty: what is in memory comes from no file. */
+void pell_text_add_path(struct pell_text *text, const char *path, const char *separator, const char *instead);
 
 /* Adds a suggestion for `name` from `candidates` (NULL entries are skipped): the nearest (edit distance with transpositions, case ignored),
- * `did you mean "marble"?`, or those that contain it, `did you mean "skimmilk" or "wholemilk"?`; each prefixed by `before` ("--"). False,
+ * `did you mean "marble"?`, or those that contain it, `did you mean "skimmilk" or "wholemilk"?`; each prefixed by `prefix` ("--"). False,
  * and nothing added, if none is close enough. */
-bool pell_text_suggest(struct pell_text *text, const char *before, const char *name, const char *const *candidates, size_t count);
+bool pell_text_suggest(struct pell_text *text, const char *prefix, const char *name, const char *const *candidates, size_t count);
 /* As pell_text_suggest; if none is close enough, lists all candidates after `known` ("known keys: "). */
 void pell_text_suggest_or_list(struct pell_text *text, const char *known, const char *name, const char *const *candidates, size_t count);
 
@@ -108,6 +108,9 @@ struct pell_counted pell_counted(long long count, const char *one, const char *m
 
 /* Converts ASCII letters to lower case; other bytes are unchanged. */
 char pell_lower(char c);
+
+/* Whether `text`, which is not empty, contains `part`; case ignored. */
+bool pell_text_contains(const char *text, const char *part);
 
 /* Makes user bytes safe to print: control and non-UTF-8 bytes become '?', long texts are cut with "...". Returns `buffer`. */
 const char *pell_printable(const char *text, char *buffer, size_t size);

@@ -142,26 +142,26 @@ void pell_context_resume(struct pell_context *ctx)
 
 void pell_context_interrupt(struct pell_context *ctx)
 {
-    unsigned partial = atomic_load(&ctx->partial);
+    unsigned interruptible = atomic_load(&ctx->interruptible);
 
-    while (partial >= 2)
-        if (atomic_compare_exchange_weak(&ctx->partial, &partial, partial | 1))
+    while (interruptible >= 2)
+        if (atomic_compare_exchange_weak(&ctx->interruptible, &interruptible, interruptible | 1))
             return;
     atomic_store(&ctx->cancelled, true);
 }
 
 bool pell_context_interrupted(const struct pell_context *ctx)
 {
-    return atomic_load_explicit(&ctx->partial, memory_order_relaxed) & 1;
+    return atomic_load_explicit(&ctx->interruptible, memory_order_relaxed) & 1;
 }
 
 void pell_interruptible(struct pell_context *ctx, int change)
 {
-    unsigned partial = atomic_load(&ctx->partial), next;
+    unsigned interruptible = atomic_load(&ctx->interruptible), next;
 
     do /* the first of several sections clears an earlier request to end */
-        next = (change > 0 && partial < 2 ? 0 : partial) + 2 * (unsigned) change;
-    while (!atomic_compare_exchange_weak(&ctx->partial, &partial, next));
+        next = (change > 0 && interruptible < 2 ? 0 : interruptible) + 2 * (unsigned) change;
+    while (!atomic_compare_exchange_weak(&ctx->interruptible, &interruptible, next));
 }
 
 const struct pell_limits *pell_context_limits(const struct pell_context *ctx)

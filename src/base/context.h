@@ -23,10 +23,10 @@ struct pell_context {
     _Atomic uint64_t allocations;
     atomic_bool cancelled;
     _Atomic unsigned writes; /* number of files replaced or created */
-    /* pell_interruptible: twice the number of active sections, + 1 if an end of them, or of the last of them, is requested */
-    _Atomic unsigned partial;
-    _Atomic int in_flight; /* pell_file_in_flight */
-    _Atomic int softened;  /* pell_log_downgrade */
+    /* twice the number of active sections of pell_interruptible, + 1 if an early end of these, or of the last of them, was requested */
+    _Atomic unsigned interruptible;
+    _Atomic int in_flight;  /* pell_file_in_flight */
+    _Atomic int downgrades; /* pell_log_downgrade */
     /* Number of times each warning was given, by its format; guarded by log_lock. Kinds beyond the table are not counted. */
     struct {
         const char *format;

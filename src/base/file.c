@@ -172,7 +172,7 @@ void pell_file_close(struct pell_file *file)
     *file = (struct pell_file) { .handle = -1 };
 }
 
-size_t pell_file_at(const struct pell_file *file, uint64_t at, void *to, size_t size)
+size_t pell_file_read_at(const struct pell_file *file, uint64_t at, void *to, size_t size)
 {
     size_t got = 0;
 

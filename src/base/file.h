@@ -21,7 +21,7 @@ struct pell_file {
 PELL_NODISCARD enum pell_result pell_file_open(struct pell_context *ctx, const char *path, struct pell_file *file);
 void pell_file_close(struct pell_file *file);
 /* Reads `size` bytes from `at`; returns the number read: fewer at the end, if the file was truncated, and on device errors. */
-size_t pell_file_at(const struct pell_file *file, uint64_t at, void *to, size_t size);
+size_t pell_file_read_at(const struct pell_file *file, uint64_t at, void *to, size_t size);
 
 /* Whether the file that `path` names was opened by one of these, under any name: writing to it would destroy the input. */
 bool pell_file_was_read(struct pell_context *ctx, const char *path);

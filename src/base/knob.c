@@ -147,7 +147,7 @@ static bool parse_rgb(const char *text, double rgb[3])
     return n != 2;
 }
 
-/* Checks that an integer or the value of a text is in the row's range; `text` is the caller's spelling. */
+/* Stores an integer if it is in the knob's range; `text`: the integer as the caller wrote it, for messages. */
 static enum pell_result store_whole(struct pell_context *ctx, const struct pell_knob *knob, const char *where, const char *text,
                                     void *values, int64_t whole)
 {

@@ -35,7 +35,7 @@ static void report(struct pell_context *ctx, enum pell_log_level level, enum pel
     bool first = false;
     struct pell_message m = { level, code, where ? where : "", what, hint ? hint : "" };
 
-    if (ctx && level == PELL_LOG_ERROR && code != PELL_ERR_NOMEM && code != PELL_ERR_CANCELLED && atomic_load(&ctx->softened) > 0) {
+    if (ctx && level == PELL_LOG_ERROR && code != PELL_ERR_NOMEM && code != PELL_ERR_CANCELLED && atomic_load(&ctx->downgrades) > 0) {
         m.level = level = PELL_LOG_WARNING;
         m.code = PELL_OK;
     }
@@ -86,7 +86,7 @@ void pell_debug(struct pell_context *ctx, const char *where, const char *fmt, ..
 
 void pell_log_downgrade(struct pell_context *ctx, int change)
 {
-    atomic_fetch_add(&ctx->softened, change);
+    atomic_fetch_add(&ctx->downgrades, change);
 }
 
 void pell_progress(struct pell_context *ctx, const char *task, double fraction)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * pool.c - workers sleep on a condition variable; bands are handed out by an atomic counter. */
+ * pool.c - workers sleep on a condition variable; task indices are handed out by an atomic counter. */
 #define _GNU_SOURCE
 #include "base/pool.h"
 

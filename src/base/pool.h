@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pool.h - a thread pool that sleeps when idle and hands out bands by an atomic counter.
+ * pool.h - a thread pool that sleeps when idle and hands out task indices by an atomic counter.
  *
  * The thread that calls pell_pool_run works too, so a pool of 1 has no thread of its own. What a task writes must depend on its
  * index alone, never on the worker: then results are bit-identical for any number of threads. Denormals are flushed to zero in

@@ -23,15 +23,15 @@ void pell_text_add(struct pell_text *text, const char *fmt, ...)
         text->length += (size_t) n < room ? (size_t) n : room - 1;
 }
 
-void pell_text_add_path(struct pell_text *text, const char *path, const char *behind, const char *instead)
+void pell_text_add_path(struct pell_text *text, const char *path, const char *separator, const char *instead)
 {
-    pell_text_add(text, "%s%s", path, path[0] ? behind : instead);
+    pell_text_add(text, "%s%s", path, path[0] ? separator : instead);
 }
 
 /* --- Nearest names ------------------------------------------------------------------------------------------------------------ */
 
-enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */
-enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 };  /* least free bytes required to add another name to a list */
+enum { NAME_MAX_BYTES = 64, SUGGESTIONS_MAX = 4 }; /* longer names, and more of them, are never suggested */
+enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 };      /* least free bytes required to add another name to a list */
 
 char pell_lower(char c)
 {
@@ -67,7 +67,7 @@ static int distance(const char *a, int na, const char *b, int nb)
     return rows[na % 3][nb];
 }
 
-static bool contains(const char *text, const char *part)
+bool pell_text_contains(const char *text, const char *part)
 {
     for (; *text; text++) {
         size_t i = 0;
@@ -101,30 +101,30 @@ static const char *nearest(const char *name, const char *const *candidates, size
 }
 
 /* Names that contain `piece` ("milk" of "wholemilk" is far in edits but just as likely meant), the shortest first. */
-static size_t with_piece(const char *piece, const char *const *candidates, size_t count, const char *found[PIECES_MOST])
+static size_t with_piece(const char *piece, const char *const *candidates, size_t count, const char *found[SUGGESTIONS_MAX])
 {
     size_t n = 0;
 
     for (size_t i = 0; i < count; i++) {
         const size_t length = candidates[i] ? strlen(candidates[i]) : 0;
         size_t at = n;
-        if (length == 0 || length > NAME_MAX_BYTES || !contains(candidates[i], piece))
+        if (length == 0 || length > NAME_MAX_BYTES || !pell_text_contains(candidates[i], piece))
             continue;
         while (at > 0 && strlen(found[at - 1]) > length)
             at--;
-        if (at == PIECES_MOST)
+        if (at == SUGGESTIONS_MAX)
             continue;
-        n += n < PIECES_MOST;
+        n += n < SUGGESTIONS_MAX;
         memmove(&found[at + 1], &found[at], (n - at - 1) * sizeof(*found));
         found[at] = candidates[i];
     }
     return n;
 }
 
-bool pell_text_suggest(struct pell_text *text, const char *before, const char *name, const char *const *candidates, size_t count)
+bool pell_text_suggest(struct pell_text *text, const char *prefix, const char *name, const char *const *candidates, size_t count)
 {
     const size_t length = strlen(name);
-    const char *found[PIECES_MOST];
+    const char *found[SUGGESTIONS_MAX];
     size_t n = 0;
 
     if (length == 0 || length > NAME_MAX_BYTES)
@@ -140,7 +140,7 @@ bool pell_text_suggest(struct pell_text *text, const char *before, const char *n
                       i == 0      ? "did you mean "
                       : i + 1 < n ? ", "
                                   : " or ",
-                      before, pell_printable(found[i], shown, sizeof(shown)));
+                      prefix, pell_printable(found[i], shown, sizeof(shown)));
     }
     pell_text_add(text, "%s", n > 0 ? "?" : "");
     return n > 0;

@@ -80,7 +80,7 @@ static char *read_index(struct pell_context *ctx, const char *path, size_t *size
     if (fstat(file.handle, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0 && st.st_size <= MOST_INDEX)
         data = pell_alloc(ctx, file.size = (size_t) st.st_size);
     if (data)
-        *size = pell_file_at(&file, 0, data, file.size);
+        *size = pell_file_read_at(&file, 0, data, file.size);
     pell_file_close(&file);
     return data;
 }

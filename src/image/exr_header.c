@@ -5,23 +5,23 @@
 
 #include <string.h>
 
-enum { NAME_MOST = 255, FLAG_PARTS = 0x1000 };
+enum { MAX_NAME = 255, FLAG_PARTS = 0x1000 };
 
-struct walk {
+struct cursor {
     struct pell_context *ctx;
     const struct pell_source *src;
     size_t at;
 };
 
-static enum pell_result wrong(const struct walk *w, const char *what)
+static enum pell_result wrong(const struct cursor *w, const char *what)
 {
     return pell_error(w->ctx, PELL_ERR_FORMAT, w->src->name, "the file is damaged: write it again", "OpenEXR: byte %zu: %s", w->at, what);
 }
 
 /* Reads a zero-terminated text into `text`; false if it is not terminated. */
-static bool read_text(struct walk *w, char text[NAME_MOST + 1])
+static bool read_text(struct cursor *w, char text[MAX_NAME + 1])
 {
-    const size_t got = pell_source_at(w->src, w->at, text, NAME_MOST + 1);
+    const size_t got = pell_source_read(w->src, w->at, text, MAX_NAME + 1);
     const char *end = memchr(text, 0, got);
 
     w->at += end ? (size_t) (end - text) + 1 : 0;
@@ -29,10 +29,10 @@ static bool read_text(struct walk *w, char text[NAME_MOST + 1])
 }
 
 /* Reads one attribute; *last: it was the end of the header instead. */
-static enum pell_result read_attribute(struct walk *w, bool *last)
+static enum pell_result read_attribute(struct cursor *w, bool *last)
 {
     const size_t first = w->at;
-    char name[NAME_MOST + 1], type[NAME_MOST + 1], shown[64];
+    char name[MAX_NAME + 1], type[MAX_NAME + 1], shown[64];
     const bool named = read_text(w, name);
     uint8_t b[4];
     int32_t size;
@@ -40,7 +40,7 @@ static enum pell_result read_attribute(struct walk *w, bool *last)
     *last = named && !*name;
     if (*last)
         return PELL_OK;
-    if (!named || !read_text(w, type) || !*type || pell_source_at(w->src, w->at, b, 4) < 4) {
+    if (!named || !read_text(w, type) || !*type || pell_source_read(w->src, w->at, b, 4) < 4) {
         w->at = first;
         return wrong(w, "there is no attribute with a name, a type and a size, nor the end of the header");
     }
@@ -55,14 +55,14 @@ static enum pell_result read_attribute(struct walk *w, bool *last)
 
 enum pell_result pell_exr_check_header(struct pell_context *ctx, const struct pell_source *src)
 {
-    struct walk w = { ctx, src, 8 };
+    struct cursor w = { ctx, src, 8 };
     const int64_t limit = pell_context_limits(ctx)->items;
     bool parts, last = false, first = true;
     enum pell_result res;
     int64_t count = 0;
     uint8_t b[8];
 
-    if (pell_source_at(src, 0, b, sizeof(b)) < sizeof(b))
+    if (pell_source_read(src, 0, b, sizeof(b)) < sizeof(b))
         return PELL_OK; /* the library reports the error */
     parts = (b[5] & (FLAG_PARTS >> 8)) != 0;
     /* Each part's header ends with an empty name; another one follows the last of several parts. */

@@ -16,7 +16,7 @@ static int64_t stream_read(exr_const_context_t exr, void *user, void *buffer, ui
 {
     (void) exr;
     (void) error;
-    return (int64_t) pell_source_at(((struct exr_file *) user)->src, offset, buffer, size);
+    return (int64_t) pell_source_read(((struct exr_file *) user)->src, offset, buffer, size);
 }
 
 static int64_t stream_size(exr_const_context_t exr, void *user)
@@ -154,26 +154,26 @@ static enum pell_result check_chunks(struct exr_file *f, struct exr_part *p)
 
 /* Limits windows by the file's size. ZIP, the best compression, expands by at most 1032; pixels outside of the data window take memory and
  * time, but no bytes. */
-#define UNPACKED_MOST 1100
+#define MAX_EXPANSION 1100
 #define EMPTY_PIXELS ((int64_t) 1 << 24)
-#define EMPTY_FACTOR 64
-static enum pell_result check_promise(struct exr_file *f, const struct exr_part *p)
+#define MAX_EMPTY_FACTOR 64
+static enum pell_result check_windows(struct exr_file *f, const struct exr_part *p)
 {
     const int64_t data = p->data_width * p->data_height, display = (int64_t) p->width * p->height;
     uint64_t bytes = 0;
 
     for (int c = 0; c < p->channels->num_channels; c++)
         bytes += (uint64_t) data * (p->channels->entries[c].pixel_type == EXR_PIXEL_HALF ? 2 : 4);
-    if (bytes / (p->bare ? 1 : UNPACKED_MOST) > f->src->size)
+    if (bytes / (p->uncompressed ? 1 : MAX_EXPANSION) > f->src->size)
         return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, "the file is damaged: write it again",
                           "OpenEXR: a data window of %lld x %lld pixels can't stand in a file of %zu bytes", (long long) p->data_width,
                           (long long) p->data_height, f->src->size);
-    if (display > EMPTY_PIXELS && display / EMPTY_FACTOR > data)
+    if (display > EMPTY_PIXELS && display / MAX_EMPTY_FACTOR > data)
         return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "make the display window smaller: oiiotool IN --fullpixels -o OUT",
                           "OpenEXR: the display window of %d x %d pixels holds %lld x %lld pixels of data, must be at most %lld pixels or "
                           "%d times the data",
                           p->width, p->height, (long long) p->data_width, (long long) p->data_height, (long long) EMPTY_PIXELS,
-                          EMPTY_FACTOR);
+                          MAX_EMPTY_FACTOR);
     return PELL_OK;
 }
 
@@ -208,13 +208,13 @@ enum pell_result pell_exr_describe(struct exr_file *f, int index, struct exr_par
     res = pell_image_check_size(f->ctx, f->src->name, p->data_width, p->data_height);
     if (res != PELL_OK)
         return res;
-    p->bare = compression == EXR_COMPRESSION_NONE;
+    p->uncompressed = compression == EXR_COMPRESSION_NONE;
     p->tiled = storage == EXR_STORAGE_TILED;
     p->width = (int) extent(display.min.x, display.max.x);
     p->height = (int) extent(display.min.y, display.max.y);
     p->data_x = (int64_t) data.min.x - display.min.x;
     p->data_y = (int64_t) data.min.y - display.min.y;
-    res = check_promise(f, p);
+    res = check_windows(f, p);
     return res == PELL_OK ? check_chunks(f, p) : res;
 }
 
@@ -269,7 +269,7 @@ static enum pell_result read_chunk(struct reader *r, const exr_chunk_info_t *chu
     if (pell_cancelled(f->ctx))
         return PELL_ERR_CANCELLED;
     if (chunk->width < 1 || chunk->height < 1 || chunk->width > r->width || chunk->height > r->height ||
-        chunk->packed_size > f->src->size || (p->bare && chunk->packed_size != chunk->unpacked_size) ||
+        chunk->packed_size > f->src->size || (p->uncompressed && chunk->packed_size != chunk->unpacked_size) ||
         chunk->unpacked_size > 4 * (uint64_t) (r->width * r->height) * (uint64_t) p->channels->num_channels)
         return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, "the file is damaged: write it again",
                           "OpenEXR: the chunk at row %lld does not have its size", (long long) y);
@@ -422,16 +422,16 @@ static enum pell_result choose_part(struct exr_file *f, int *index, int pick[4],
     if (exr_get_count(f->exr, &parts) != EXR_ERR_SUCCESS || parts < 1)
         return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL, "OpenEXR: there is no part");
     for (int i = 0; i < parts; i++) {
-        int these[4], n, good;
+        int channels[4], n, rating;
         if (is_deep(f, i) || exr_get_channels(f->exr, i, &list) != EXR_ERR_SUCCESS)
             continue;
         first = first < 0 ? i : first;
-        good = pick_channels(list, these, &n);
-        if (good > best) {
-            best = good;
+        rating = pick_channels(list, channels, &n);
+        if (rating > best) {
+            best = rating;
             *index = i;
             *count = n;
-            memcpy(pick, these, sizeof(these));
+            memcpy(pick, channels, sizeof(channels));
         }
     }
     if (first < 0)

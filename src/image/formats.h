@@ -14,14 +14,14 @@
 /* A file in memory, or one that is read in pieces. */
 struct pell_source {
     const char *name;    /* for messages */
-    const uint8_t *data; /* NULL: the data is in `file`, which only row readers and pell_source_at support */
+    const uint8_t *data; /* NULL: the data is in `file`, which only row readers and pell_source_read support */
     size_t size;
     enum pell_image_role role;
     const struct pell_file *file;
 };
 
 /* Copies `size` bytes from `at`; returns how many there were. */
-size_t pell_source_at(const struct pell_source *src, uint64_t at, void *to, size_t size);
+size_t pell_source_read(const struct pell_source *src, uint64_t at, void *to, size_t size);
 
 enum pell_result pell_png_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
 enum pell_result pell_jpeg_decode(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
@@ -60,8 +60,8 @@ void pell_image_make_finite(struct pell_context *ctx, const char *name, float *v
 struct pell_not_finite {
     size_t nan, inf;
 };
-void pell_image_count_finite(float *values, size_t count, struct pell_not_finite *bad);
-void pell_image_warn_finite(struct pell_context *ctx, const char *name, const struct pell_not_finite *bad);
+void pell_image_replace_not_finite(float *values, size_t count, struct pell_not_finite *bad);
+void pell_image_warn_not_finite(struct pell_context *ctx, const char *name, const struct pell_not_finite *bad);
 
 /* Linear floats of `count` values of an image's layout; `in` begins with a pixel. Floats are copied. */
 void pell_image_convert(const struct pell_image *layout, const void *in, float *out, size_t count);

@@ -44,7 +44,7 @@ static bool next_line(struct reader *r, char line[HEADER_LINE + 1])
 }
 
 /* Parses up to 3 numbers separated by blanks; returns how many, -1 if one is invalid. */
-static int numbers(const char *text, double out[3])
+static int parse_numbers(const char *text, double out[3])
 {
     int count = 0;
 
@@ -61,7 +61,7 @@ static int numbers(const char *text, double out[3])
     }
 }
 
-static enum pell_result header(struct reader *r)
+static enum pell_result read_header(struct reader *r)
 {
     char line[HEADER_LINE + 1], shown[80];
     double v[3];
@@ -85,7 +85,7 @@ static enum pell_result header(struct reader *r)
         } else if (strncmp(line, "EXPOSURE=", 9) == 0 || strncmp(line, "COLORCORR=", 10) == 0) {
             /* Both give factors that the pixels were multiplied by, and accumulate. */
             const bool exposure = line[0] == 'E';
-            const int count = numbers(line + (exposure ? 9 : 10), v);
+            const int count = parse_numbers(line + (exposure ? 9 : 10), v);
             if (count != (exposure ? 1 : 3))
                 return pell_error(r->ctx, PELL_ERR_FORMAT, r->src->name, NULL, "Radiance HDR: \"%s\" must hold %d numbers",
                                   pell_printable(line, shown, sizeof(shown)), exposure ? 1 : 3);
@@ -101,7 +101,7 @@ static enum pell_result header(struct reader *r)
 }
 
 /* "-Y 32 +X 64": the major axis first; -Y is top to bottom, +X left to right. */
-static enum pell_result resolution(struct reader *r)
+static enum pell_result read_resolution(struct reader *r)
 {
     char line[HEADER_LINE + 1], shown[80];
     const char *p = line;
@@ -144,7 +144,7 @@ bad:
 }
 
 /* Flat pixels, of which (1, 1, 1, n) repeats the previous one n times; consecutive repeats are digits of base 256. */
-static enum pell_result old_scanline(struct reader *r, uint8_t *rgbe)
+static enum pell_result read_old_scanline(struct reader *r, uint8_t *rgbe)
 {
     const size_t length = (size_t) r->length[1];
     size_t x = 0;
@@ -174,7 +174,7 @@ static enum pell_result old_scanline(struct reader *r, uint8_t *rgbe)
 }
 
 /* Four runs of bytes, one per component: n > 128 repeats the next byte n - 128 times, else n bytes follow. */
-static enum pell_result new_scanline(struct reader *r, uint8_t *rgbe)
+static enum pell_result read_new_scanline(struct reader *r, uint8_t *rgbe)
 {
     const size_t length = (size_t) r->length[1];
     const uint8_t *d = r->src->data;
@@ -205,7 +205,7 @@ static enum pell_result new_scanline(struct reader *r, uint8_t *rgbe)
     return PELL_OK;
 }
 
-static enum pell_result scanline(struct reader *r, uint8_t *rgbe)
+static enum pell_result read_scanline(struct reader *r, uint8_t *rgbe)
 {
     const uint8_t *p = r->src->data + r->at;
     const int length = r->length[1];
@@ -213,10 +213,10 @@ static enum pell_result scanline(struct reader *r, uint8_t *rgbe)
     if (r->src->size - r->at < 4)
         return damaged(r, "the pixels end early");
     if (length < 8 || length > 32767 || p[0] != 2 || p[1] != 2 || p[2] >= 128)
-        return old_scanline(r, rgbe);
+        return read_old_scanline(r, rgbe);
     if ((p[2] << 8 | p[3]) != length)
         return damaged(r, "a scanline has another length than the header says");
-    return new_scanline(r, rgbe);
+    return read_new_scanline(r, rgbe);
 }
 
 static void make_powers(float power[256])
@@ -253,8 +253,8 @@ enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_sou
     uint8_t *rgbe = NULL;
     float power[256];
 
-    PELL_TRY(header(&r));
-    PELL_TRY(resolution(&r));
+    PELL_TRY(read_header(&r));
+    PELL_TRY(read_resolution(&r));
     make_powers(power);
     PELL_TRY(pell_image_make(ctx, src->name, r.length[!r.columns], r.length[r.columns], 3, PELL_PIXEL_F32, image));
     rgbe = pell_alloc_array(ctx, (size_t) r.length[1], 4);
@@ -263,7 +263,7 @@ enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_sou
         goto fail;
     }
     for (int i = 0; i < r.length[0]; i++) {
-        PELL_TRY(scanline(&r, rgbe));
+        PELL_TRY(read_scanline(&r, rgbe));
         store_scanline(&r, i, rgbe, power, image);
     }
     pell_image_make_finite(ctx, src->name, image->pixels, 3 * (size_t) image->width * (size_t) image->height);
@@ -297,16 +297,16 @@ static enum pell_result hdr_read_rows(struct pell_rows *rows, int first, int cou
     while (h->next < first + count) {
         const int y = h->next++;
         struct pell_not_finite bad = { 0 };
-        PELL_TRY(scanline(&h->reader, h->rgbe));
+        PELL_TRY(read_scanline(&h->reader, h->rgbe));
         for (int c = 0; c < 3 && y >= first; c++) {
             float *row = dest[c] ? dest[c] + (size_t) (y - first) * stride : NULL;
             for (int x = 0; row && x < width; x++)
                 row[x] = decoded(&h->reader, h->rgbe + 4 * (h->reader.flip[1] ? width - 1 - x : x), c, h->power);
             if (row)
-                pell_image_count_finite(row, (size_t) width, y >= h->seen ? &h->bad : &bad);
+                pell_image_replace_not_finite(row, (size_t) width, y >= h->seen ? &h->bad : &bad);
         }
         if (y == rows->layers.height - 1 && h->seen <= y)
-            pell_image_warn_finite(rows->ctx, rows->src.name, &h->bad);
+            pell_image_warn_not_finite(rows->ctx, rows->src.name, &h->bad);
         h->seen = y >= h->seen ? y + 1 : h->seen;
     }
     return PELL_OK;
@@ -341,10 +341,10 @@ enum pell_result pell_hdr_rows(struct pell_rows *rows)
     h->src.data = h->data = pell_alloc(rows->ctx, rows->src.size);
     if (!h->data)
         return PELL_ERR_NOMEM;
-    h->src.size = pell_source_at(&rows->src, 0, h->data, rows->src.size);
+    h->src.size = pell_source_read(&rows->src, 0, h->data, rows->src.size);
     h->reader = (struct reader) { .ctx = rows->ctx, .src = &h->src };
-    PELL_TRY(header(&h->reader));
-    PELL_TRY(resolution(&h->reader));
+    PELL_TRY(read_header(&h->reader));
+    PELL_TRY(read_resolution(&h->reader));
     if (h->reader.columns || h->reader.flip[0]) {
         hdr_close_rows(rows);
         rows->format = NULL;

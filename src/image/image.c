@@ -65,7 +65,7 @@ enum pell_result pell_image_check_memory(struct pell_context *ctx, const char *n
     return PELL_OK;
 }
 
-void pell_image_count_finite(float *values, size_t count, struct pell_not_finite *bad)
+void pell_image_replace_not_finite(float *values, size_t count, struct pell_not_finite *bad)
 {
     for (size_t i = 0; i < count; i++) {
         if (isfinite(values[i]))
@@ -80,7 +80,7 @@ void pell_image_count_finite(float *values, size_t count, struct pell_not_finite
     }
 }
 
-void pell_image_warn_finite(struct pell_context *ctx, const char *name, const struct pell_not_finite *bad)
+void pell_image_warn_not_finite(struct pell_context *ctx, const char *name, const struct pell_not_finite *bad)
 {
     const char *nan = "values are not a number and were", *inf = "are infinite and were";
     struct pell_text text = { 0 };
@@ -101,8 +101,8 @@ void pell_image_make_finite(struct pell_context *ctx, const char *name, float *v
 {
     struct pell_not_finite bad = { 0 };
 
-    pell_image_count_finite(values, count, &bad);
-    pell_image_warn_finite(ctx, name, &bad);
+    pell_image_replace_not_finite(values, count, &bad);
+    pell_image_warn_not_finite(ctx, name, &bad);
 }
 
 /* --- Conversion --------------------------------------------------------------------------------------------------------------- */

@@ -121,7 +121,7 @@ static enum pell_result pfm_read_rows(struct pell_rows *rows, int first, int cou
     const size_t channels = (size_t) r->header.channels, width = (size_t) r->header.width, size = 4 * width * channels;
 
     for (int y = first; y < first + count; y++) {
-        if (pell_source_at(&rows->src, r->header.at + size * (uint64_t) (r->header.height - 1 - y), r->row, size) != size)
+        if (pell_source_read(&rows->src, r->header.at + size * (uint64_t) (r->header.height - 1 - y), r->row, size) != size)
             return pell_error(rows->ctx, PELL_ERR_IO, rows->src.name, "wait until it is written, then try again",
                               "PFM: row %d can't be read any more", y);
         for (size_t c = 0; c < channels; c++)
@@ -149,7 +149,7 @@ enum pell_result pell_pfm_rows(struct pell_rows *rows)
     struct header header;
     enum pell_result res;
     uint8_t head[256];
-    const struct pell_source begin = { .name = rows->src.name, .data = head, .size = pell_source_at(&rows->src, 0, head, sizeof(head)) };
+    const struct pell_source begin = { .name = rows->src.name, .data = head, .size = pell_source_read(&rows->src, 0, head, sizeof(head)) };
 
     if (read_header(&begin, &header))
         return PELL_OK; /* a long or damaged header: decoding the whole file reports it */

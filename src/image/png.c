@@ -36,7 +36,7 @@ struct png {
 static int read_bytes(spng_ctx *spng, void *user, void *to, size_t size)
 {
     struct png *png = user;
-    const size_t got = pell_source_at(png->src, png->at, to, size);
+    const size_t got = pell_source_read(png->src, png->at, to, size);
 
     (void) spng;
     png->at += got;
@@ -90,7 +90,7 @@ static enum pell_result png_open(struct png *png)
     if (!png->spng)
         return pell_error(ctx, PELL_ERR_NOMEM, src->name, NULL, "out of memory: PNG reader");
     /* We check the size ourselves, from the bytes, with a message that gives the limit. No chunk can be longer than the file. */
-    if (pell_source_at(src, 0, head, sizeof(head)) == sizeof(head) && memcmp(head + 12, "IHDR", 4) == 0)
+    if (pell_source_read(src, 0, head, sizeof(head)) == sizeof(head) && memcmp(head + 12, "IHDR", 4) == 0)
         PELL_TRY(pell_image_check_size(ctx, src->name, number_at(head + 16), number_at(head + 20)));
     if ((err = spng_set_image_limits(png->spng, INT32_MAX, INT32_MAX)) ||
         (err = spng_set_chunk_limits(png->spng, chunk, chunk > CHUNK_CACHE ? chunk : CHUNK_CACHE)) ||

@@ -74,7 +74,7 @@ static struct pell_rows *new_rows(struct pell_context *ctx)
 static enum pell_result open_source(struct pell_rows *rows)
 {
     uint8_t head[16];
-    const size_t got = pell_source_at(&rows->src, 0, head, sizeof(head));
+    const size_t got = pell_source_read(&rows->src, 0, head, sizeof(head));
     enum pell_result (*set_up)(struct pell_rows *) = pell_image_rows_of(head, got);
     enum pell_result res = PELL_OK;
 

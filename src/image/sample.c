@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * sample.c - texture look-up; runs per pixel in the renderer. */
 #include "image/color.h"
+#include "shared/texture.h"
 
 #include <math.h>
 #include <string.h>
@@ -9,7 +10,7 @@
 #define INV65535 (1.0f / 65535.0f)
 
 /* Expands 1 to 4 channels to RGBA. */
-static inline void spread(int channels, const float v[4], float rgba[4])
+static inline void to_rgba(int channels, const float v[4], float rgba[4])
 {
     switch (channels) {
     case 1:
@@ -29,7 +30,7 @@ static inline void spread(int channels, const float v[4], float rgba[4])
 }
 
 /* Adds weight * texel to acc, channel by channel, as stored (1 to 4 of them), decoded to linear. */
-static inline void gather(const struct pell_image *image, size_t index, float weight, float acc[4])
+static inline void add_texel(const struct pell_image *image, size_t index, float weight, float acc[4])
 {
     const int n = image->channels, color = n == 2 || n == 4 ? n - 1 : n;
     const size_t at = index * (size_t) n;
@@ -66,8 +67,8 @@ static inline void gather(const struct pell_image *image, size_t index, float we
 void pell_image_texel(const struct pell_image *image, int x, int y, float rgba[4])
 {
     float v[4] = { 0 };
-    gather(image, (size_t) y * (size_t) image->width + (size_t) x, 1.0f, v);
-    spread(image->channels, v, rgba);
+    add_texel(image, (size_t) y * (size_t) image->width + (size_t) x, 1.0f, v);
+    to_rgba(image->channels, v, rgba);
 }
 
 /* Folds a texel index in the range that coordinate() returns into [0, size). */
@@ -86,12 +87,6 @@ static inline int fold(enum pell_wrap wrap, int i, int size)
     case PELL_WRAP_CLAMP: break;
     }
     return i < 0 ? 0 : size - 1;
-}
-
-static inline int floor_int(float x)
-{
-    const int i = (int) x;
-    return i - ((float) i > x);
 }
 
 /* u as a texel coordinate in a small range, equivalent under wrapping. */
@@ -118,13 +113,13 @@ void pell_image_sample(const struct pell_image *image, enum pell_wrap wrap_u, en
     size_t row0, row1;
 
     if (nearest) {
-        pell_image_texel(image, fold(wrap_u, floor_int(x), w), fold(wrap_v, floor_int(y), h), rgba);
+        pell_image_texel(image, fold(wrap_u, pell_floor_to_int(x), w), fold(wrap_v, pell_floor_to_int(y), h), rgba);
         return;
     }
     x -= 0.5f;
     y -= 0.5f;
-    x0 = floor_int(x);
-    y0 = floor_int(y);
+    x0 = pell_floor_to_int(x);
+    y0 = pell_floor_to_int(y);
     fx = x - (float) x0;
     fy = y - (float) y0;
     x1 = fold(wrap_u, x0 + 1, w);
@@ -133,9 +128,9 @@ void pell_image_sample(const struct pell_image *image, enum pell_wrap wrap_u, en
     y0 = fold(wrap_v, y0, h);
     row0 = (size_t) y0 * (size_t) w;
     row1 = (size_t) y1 * (size_t) w;
-    gather(image, row0 + (size_t) x0, (1.0f - fx) * (1.0f - fy), acc);
-    gather(image, row0 + (size_t) x1, fx * (1.0f - fy), acc);
-    gather(image, row1 + (size_t) x0, (1.0f - fx) * fy, acc);
-    gather(image, row1 + (size_t) x1, fx * fy, acc);
-    spread(image->channels, acc, rgba);
+    add_texel(image, row0 + (size_t) x0, (1.0f - fx) * (1.0f - fy), acc);
+    add_texel(image, row0 + (size_t) x1, fx * (1.0f - fy), acc);
+    add_texel(image, row1 + (size_t) x0, (1.0f - fx) * fy, acc);
+    add_texel(image, row1 + (size_t) x1, fx * fy, acc);
+    to_rgba(image->channels, acc, rgba);
 }

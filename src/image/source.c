@@ -4,10 +4,10 @@
 
 #include <string.h>
 
-size_t pell_source_at(const struct pell_source *src, uint64_t at, void *to, size_t size)
+size_t pell_source_read(const struct pell_source *src, uint64_t at, void *to, size_t size)
 {
     if (!src->data)
-        return src->file ? pell_file_at(src->file, at, to, size) : 0;
+        return src->file ? pell_file_read_at(src->file, at, to, size) : 0;
     if (at >= src->size)
         return 0;
     size = size < src->size - at ? size : src->size - (size_t) at;
