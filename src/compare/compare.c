@@ -92,11 +92,11 @@ static float luminance_of(const struct pell_pixel *p)
     return p->bad_test || p->bad_reference ? NAN : (float) (l < BRIGHTEST ? l : BRIGHTEST);
 }
 
-static void survey_row(void *arg, int number, int worker)
+static void survey_row(void *arg, int index, int worker)
 {
     const struct job *job = arg;
     const struct pell_compare_input *in = &job->in;
-    const int y = job->y0 + number;
+    const int y = job->y0 + index;
     struct survey *s = &job->surveys[y];
     (void) worker;
 
@@ -111,7 +111,7 @@ static void survey_row(void *arg, int number, int worker)
         s->bad_reference += p.bad_reference;
         s->bad_variance += p.bad_variance;
         l = pell_luminance_of(p.reference);
-        job->luminance[(size_t) number * (size_t) in->width + (size_t) x] = luminance_of(&p);
+        job->luminance[(size_t) index * (size_t) in->width + (size_t) x] = luminance_of(&p);
         if (p.bad_test || p.bad_reference)
             continue;
         for (int region = 0; region < PELL_REGIONS; region++)
@@ -127,15 +127,15 @@ static void survey_row(void *arg, int number, int worker)
     }
 }
 
-static void luminance_row(void *arg, int number, int worker)
+static void luminance_row(void *arg, int index, int worker)
 {
     const struct job *job = arg;
     (void) worker;
 
     for (int x = 0; x < job->in.width; x++) {
         struct pell_pixel p;
-        pell_pixel_read(&job->in, pell_pixel_at(&job->in, job->first, x, job->y0 + number), &p);
-        job->luminance[(size_t) number * (size_t) job->in.width + (size_t) x] = luminance_of(&p);
+        pell_pixel_read(&job->in, pell_pixel_at(&job->in, job->first, x, job->y0 + index), &p);
+        job->luminance[(size_t) index * (size_t) job->in.width + (size_t) x] = luminance_of(&p);
     }
 }
 
@@ -161,7 +161,7 @@ static enum pell_result take_band(struct job *job, int y0, int reach)
 
 enum { DIGITS = 1 << 16 };
 
-/* Ranks among all values: the middle ones of all, and of the non-black ones. */
+/* A rank among all values; the ranks searched for are the middle ones of all, and of the non-black ones. */
 struct rank {
     uint64_t rank;  /* from 0; among values with the same upper digit once that is known */
     uint32_t upper; /* digit */
@@ -249,7 +249,7 @@ static void find_lower(struct order *o)
     }
 }
 
-static double middle_of(const struct rank *two)
+static double median_of(const struct rank *two)
 {
     return 0.5 * ((double) two[0].value + (double) two[1].value);
 }
@@ -259,7 +259,7 @@ static enum pell_result find_exposures(struct job *job)
     struct pell_comparison *out = job->out;
     struct order *o = job->order;
     enum pell_result res;
-    double middle;
+    double median;
 
     if (!(o->largest > 1e-30f)) { /* a black image: one exposure of 0 stops */
         out->hdr_exposures = 1;
@@ -273,12 +273,12 @@ static enum pell_result find_exposures(struct job *job)
         count_lower(o, job->luminance, (size_t) (job->y1 - y) * (size_t) job->in.width);
     }
     find_lower(o);
-    middle = middle_of(o->ranks);
-    if (!(middle > 1e-30)) {
-        middle = middle_of(o->ranks + 2);
+    median = median_of(o->ranks);
+    if (!(median > 1e-30)) {
+        median = median_of(o->ranks + 2);
         out->hdr_above_black = true;
     }
-    pell_flip_exposures((double) o->largest, middle, &out->hdr_start, &out->hdr_stop, &out->hdr_exposures);
+    pell_flip_exposures((double) o->largest, median, &out->hdr_start, &out->hdr_stop, &out->hdr_exposures);
     if (job->params->exposures > 0)
         out->hdr_exposures = job->params->exposures;
     if (out->hdr_exposures > EXPOSURES_MAX)
@@ -310,7 +310,7 @@ static void choose_tone(struct job *job, const struct survey *all)
     job->tone.white_scale = (float) (1.0 / (white * white));
 }
 
-static void take_stock(struct job *job)
+static void sum_surveys(struct job *job)
 {
     struct survey all = { 0 };
     struct pell_metrics *const metrics[PELL_REGIONS] = { &job->out->masked, &job->out->whole };
@@ -346,7 +346,7 @@ static int clamp_to(int v, int count)
     return v < 0 ? 0 : v < count ? v : count - 1;
 }
 
-static float cut(double v)
+static float clamp_light(double v)
 {
     return (float) (v < BRIGHTEST ? v > -BRIGHTEST ? v : -BRIGHTEST : BRIGHTEST);
 }
@@ -363,8 +363,8 @@ static void load_tile(const struct job *job, const struct pell_tile *tile, int x
             struct pell_pixel p;
             pell_pixel_read(in, at, &p);
             for (int c = 0; c < 3; c++) {
-                planes[(size_t) c * job->light_floats + to] = cut(p.test[c]);
-                planes[(size_t) (3 + c) * job->light_floats + to] = cut(p.reference[c]);
+                planes[(size_t) c * job->light_floats + to] = clamp_light(p.test[c]);
+                planes[(size_t) (3 + c) * job->light_floats + to] = clamp_light(p.reference[c]);
             }
         }
     }
@@ -420,10 +420,10 @@ static void store(const struct job *job, const struct pell_tile *tile, int x0, i
                (size_t) tile->width * sizeof(*to));
 }
 
-static void compare_tile(void *arg, int number, int worker)
+static void compare_tile(void *arg, int offset, int worker)
 {
     const struct job *job = arg;
-    const int index = job->first_tile + number, x0 = index % job->across * PELL_TILE_WIDTH, y0 = index / job->across * PELL_TILE_HEIGHT;
+    const int index = job->first_tile + offset, x0 = index % job->across * PELL_TILE_WIDTH, y0 = index / job->across * PELL_TILE_HEIGHT;
     const int width = job->in.width - x0, height = job->in.height - y0;
     float *planes = job->workspaces[worker], *maps = planes + 6 * job->light_floats + pell_tile_scratch(job->pad);
     float *map[TILE_MAPS];
@@ -542,7 +542,7 @@ static enum pell_result survey(struct job *job)
         if (job->order)
             count_upper(job->order, job->luminance, (size_t) (job->y1 - y) * (size_t) job->in.width);
     }
-    take_stock(job);
+    sum_surveys(job);
     return job->order ? find_exposures(job) : PELL_OK;
 }
 

@@ -26,8 +26,8 @@ static const int reach_of[SCALES] = { 1, 2, 4, REACH };
 /* Sums of one row. */
 struct sums {
     double square, relative, noise, relative_noise, absolute, difference[3], reference[3], test[3];
-    double spread[3];                            /* variance of the sum of d, from both images */
-    double square_spread[3], relative_spread[3]; /* see add_spread */
+    double difference_variance[3];                   /* variance of the sum of d, from both images */
+    double square_variance[3], relative_variance[3]; /* see add_error_variance */
 };
 
 /* Sums over the Z-test's pixels. */
@@ -89,7 +89,7 @@ static void add_columns(const struct pell_errors *job, int y, double *columns)
 
 /* The mean of the pixels around a pixel on the same side of the mask, excluding the pixel: the denominator is independent of its noise.
  * Without any noise it is the pixel itself. */
-static void choose_base(const struct pell_errors *job, const struct pell_pixel *p, size_t x, const double *columns, int scale, double e,
+static void choose_base(const struct pell_errors *job, const struct pell_pixel *p, size_t x, const double *columns, int scale, double floor,
                         struct base *b)
 {
     const size_t w = (size_t) job->in->width, reach = (size_t) reach_of[scale];
@@ -110,7 +110,7 @@ static void choose_base(const struct pell_errors *job, const struct pell_pixel *
     for (int c = 0; c < 3; c++) {
         b->value[c] = (sum[c] - p->reference[c]) / sum[6];
         b->variance[c] = fmax(sum[3 + c] - p->variance[c], 0.0) / (sum[6] * sum[6]);
-        b->chosen = b->chosen && b->variance[c] <= SMOOTH * (b->value[c] * b->value[c] + e * e);
+        b->chosen = b->chosen && b->variance[c] <= SMOOTH * (b->value[c] * b->value[c] + floor * floor);
     }
 }
 
@@ -118,8 +118,8 @@ static void find_bases(const struct pell_errors *job, int y, double *columns, st
 {
     const struct pell_compare_input *in = job->in;
     const size_t w = (size_t) in->width;
-    bool open = job->noisy;
-    int done = -1; /* rows on each side that the columns contain */
+    bool undecided = job->noisy;
+    int added = -1; /* rows on each side that the columns contain */
 
     for (size_t x = 0; x < w; x++) {
         struct pell_pixel p;
@@ -130,16 +130,16 @@ static void find_bases(const struct pell_errors *job, int y, double *columns, st
             bases[x].variance[c] = p.variance[c];
         }
     }
-    if (open)
+    if (undecided)
         memset(columns, 0, SIDES * PLANES * w * sizeof(*columns));
-    for (int scale = 0; scale < SCALES && open; scale++) {
-        while (done < reach_of[scale]) {
-            done++;
-            add_columns(job, y - done, columns);
-            if (done > 0)
-                add_columns(job, y + done, columns);
+    for (int scale = 0; scale < SCALES && undecided; scale++) {
+        while (added < reach_of[scale]) {
+            added++;
+            add_columns(job, y - added, columns);
+            if (added > 0)
+                add_columns(job, y + added, columns);
         }
-        open = false;
+        undecided = false;
         for (size_t x = 0; x < w; x++) {
             const size_t at = pell_pixel_at(in, job->first, (int) x, y);
             const bool in_mask = pell_inside(in, at);
@@ -149,7 +149,7 @@ static void find_bases(const struct pell_errors *job, int y, double *columns, st
             pell_pixel_read(in, at, &p);
             choose_base(job, &p, x, columns + (in_mask ? 0 : PLANES * w), scale, in_mask ? job->out->masked.floor : job->out->whole.floor,
                         &bases[x]);
-            open = open || !bases[x].chosen;
+            undecided = undecided || !bases[x].chosen;
         }
     }
 }
@@ -157,10 +157,10 @@ static void find_bases(const struct pell_errors *job, int y, double *columns, st
 /* 1/(b^2 + e^2) for the b that `value` estimates with `variance`, corrected for the bias f''/2 x variance of the reciprocal. */
 static double weight(double value, double variance, double floor)
 {
-    const double below = value * value + floor * floor;
-    const double curved = fmax(3.0 * value * value - floor * floor, 0.0) / below * (variance / below);
+    const double denominator = value * value + floor * floor;
+    const double bias = fmax(3.0 * value * value - floor * floor, 0.0) / denominator * (variance / denominator);
 
-    return below > 0.0 && isfinite(curved) ? 1.0 / (below * (1.0 + curved)) : 0.0;
+    return denominator > 0.0 && isfinite(bias) ? 1.0 / (denominator * (1.0 + bias)) : 0.0;
 }
 
 /* --- Reading pixels ------------------------------------------------------------------------------------------------------------- */
@@ -184,7 +184,8 @@ static void read_error(const struct pell_errors *job, size_t at, struct pell_pix
 /* Variance of Sum w (d^2 - v) over the channels of a pixel, which may share their noise. With halves: 4 (Sum w d h)^2 with the h of a
  * neighbour, so that it depends on no higher moment of the noise. With a variance alone, for normal noise: 4 (Sum w d s)^2 - 2 (Sum w v)^2
  * in sums, and at least that of independent channels. */
-static void add_spread(const struct pell_errors *job, const struct pell_pixel *p, const double half[3], const double w[3], double spread[3])
+static void add_error_variance(const struct pell_errors *job, const struct pell_pixel *p, const double half[3], const double w[3],
+                               double variance[3])
 {
     double linear = 0.0, noise = 0.0;
 
@@ -192,10 +193,10 @@ static void add_spread(const struct pell_errors *job, const struct pell_pixel *p
         const double d = p->difference[c];
         linear += w[c] * d * (job->in->half[0] ? half[c] : sqrt(p->variance[c]));
         noise += w[c] * p->variance[c];
-        spread[2] += 2.0 * w[c] * p->variance[c] * w[c] * p->variance[c];
+        variance[2] += 2.0 * w[c] * p->variance[c] * w[c] * p->variance[c];
     }
-    spread[0] += 4.0 * linear * linear;
-    spread[1] += 2.0 * noise * noise;
+    variance[0] += 4.0 * linear * linear;
+    variance[1] += 2.0 * noise * noise;
 }
 
 /* Half the difference of the halves of the next pixel in the row, on the same side of the mask; else of the previous one, or of the pixel
@@ -236,24 +237,24 @@ static void add_pixel(const struct pell_errors *job, const struct pell_pixel *p,
         s->difference[c] += d;
         s->reference[c] += p->reference[c];
         s->test[c] += p->test[c];
-        s->spread[c] += p->variance[c] + p->test_reported[c];
+        s->difference_variance[c] += p->variance[c] + p->test_reported[c];
     }
     if (job->noisy) {
-        add_spread(job, p, half, ones, s->square_spread);
-        add_spread(job, p, half, w, s->relative_spread);
+        add_error_variance(job, p, half, ones, s->square_variance);
+        add_error_variance(job, p, half, w, s->relative_variance);
     }
 }
 
-static void sum_row(void *arg, int number, int worker)
+static void sum_row(void *arg, int index, int worker)
 {
     const struct pell_errors *job = arg;
     const struct pell_compare_input *in = job->in;
-    const int y = job->y0 + number;
+    const int y = job->y0 + index;
     struct sums *sums = job->sums + (size_t) y * PELL_REGIONS;
     double *columns = job->work[worker];
     struct base *bases = (struct base *) (void *) (columns + SIDES * PLANES * (size_t) in->width);
     float *relative = job->out->relative ? job->out->relative + (size_t) y * (size_t) in->width : NULL;
-    const double e = job->out->masked.floor > 0.0 ? job->out->masked.floor : job->out->whole.floor;
+    const double floor = job->out->masked.floor > 0.0 ? job->out->masked.floor : job->out->whole.floor;
 
     memset(sums, 0, PELL_REGIONS * sizeof(*sums));
     find_bases(job, y, columns, bases);
@@ -264,8 +265,8 @@ static void sum_row(void *arg, int number, int worker)
 
         read_error(job, at, &p);
         if (relative) {
-            const double below = fmax(fabs(pell_luminance_of(p.reference)) + e, 1e-300);
-            const double ratio = pell_luminance_of(p.difference) / below;
+            const double denominator = fmax(fabs(pell_luminance_of(p.reference)) + floor, 1e-300);
+            const double ratio = pell_luminance_of(p.difference) / denominator;
             relative[x] = ratio < (double) RELATIVE_MAX ? ratio > -(double) RELATIVE_MAX ? (float) ratio : -RELATIVE_MAX : RELATIVE_MAX;
         }
         if (p.bad_test || p.bad_reference)
@@ -287,9 +288,9 @@ static void add_sums(struct sums *all, const struct sums *s)
         to[i] += from[i];
 }
 
-static double spread_of(const struct pell_errors *job, const double spread[3])
+static double standard_error_of(const struct pell_errors *job, const double variance[3])
 {
-    const double of_variance = fmax(spread[0] - spread[1], spread[2]), v = job->in->half[0] ? spread[0] : of_variance;
+    const double of_variance = fmax(variance[0] - variance[1], variance[2]), v = job->in->half[0] ? variance[0] : of_variance;
     return isfinite(v) ? sqrt(v) : (double) INFINITY;
 }
 
@@ -316,16 +317,15 @@ static void finish_sums(const struct pell_errors *job, int region, struct pell_m
         m->bias[c] = all.difference[c] / (double) m->pixels;
         m->rel_bias[c] = all.reference[c] != 0.0 ? all.difference[c] / all.reference[c] : 0.0;
         if (job->noisy) {
-            m->bias_error[c] = sqrt(all.spread[c]) / (double) m->pixels;
-            const double slope =
-                /* the noise of a part is nearly independent of the noise of the whole */
-                job->part ? 1.0 : fabs(all.test[c] / all.reference[c]);
-            m->rel_bias_error[c] = all.reference[c] != 0.0 ? sqrt(all.spread[c]) * slope / fabs(all.reference[c]) : 0.0;
+            m->bias_error[c] = sqrt(all.difference_variance[c]) / (double) m->pixels;
+            /* the noise of a part is nearly independent of the noise of the whole */
+            const double slope = job->part ? 1.0 : fabs(all.test[c] / all.reference[c]);
+            m->rel_bias_error[c] = all.reference[c] != 0.0 ? sqrt(all.difference_variance[c]) * slope / fabs(all.reference[c]) : 0.0;
         }
     }
     if (job->noisy) {
-        m->mse_error = spread_of(job, all.square_spread) / n;
-        m->rel_mse_error = spread_of(job, all.relative_spread) / n;
+        m->mse_error = standard_error_of(job, all.square_variance) / n;
+        m->rel_mse_error = standard_error_of(job, all.relative_variance) / n;
     }
 }
 
@@ -381,11 +381,11 @@ static void end_block(const struct pell_errors *job, const struct block *block, 
     }
 }
 
-static void test_band(void *arg, int number, int worker)
+static void test_band(void *arg, int index, int worker)
 {
     const struct pell_errors *job = arg;
     const struct pell_compare_input *in = job->in;
-    const int y0 = job->y0 + number * BLOCK;
+    const int y0 = job->y0 + index * BLOCK;
     struct band *bands = job->bands + (size_t) (y0 / BLOCK) * PELL_REGIONS;
     const int y1 = y0 + BLOCK < in->height ? y0 + BLOCK : in->height;
     (void) worker;
@@ -408,15 +408,15 @@ static void test_band(void *arg, int number, int worker)
 }
 
 /* Probability of |z| or more under the null hypothesis. */
-static double chance_of(double z)
+static double p_value(double z)
 {
     return erfc(fabs(z) * 0.70710678118654752);
 }
 
 /* The same for a sum of `count` squares: E. B. Wilson and M. M. Hilferty, "The Distribution of Chi-Square", PNAS 17, 1931. */
-static double chance_of_squares(double sum, double count)
+static double p_value_of_squares(double sum, double count)
 {
-    const double spread = 2.0 / (9.0 * count), z = (cbrt(sum / count) - (1.0 - spread)) / sqrt(spread);
+    const double variance = 2.0 / (9.0 * count), z = (cbrt(sum / count) - (1.0 - variance)) / sqrt(variance);
     return 0.5 * erfc(z * 0.70710678118654752);
 }
 
@@ -424,7 +424,7 @@ static void finish_test(const struct pell_errors *job, int region, struct pell_a
 {
     const int count = (job->in->height + BLOCK - 1) / BLOCK;
     struct band all = { .values = 0 };
-    double least = 1.0;
+    double min_p = 1.0;
 
     *a = (struct pell_agreement) { .beyond_3 = (double) NAN, .p = (double) NAN };
     for (int i = 0; i < count; i++) {
@@ -449,13 +449,13 @@ static void finish_test(const struct pell_errors *job, int region, struct pell_a
         return;
     for (int c = 0; c < 3; c++) {
         const double blocks = (double) all.blocks;
-        least = fmin(least, chance_of(z_of(job, &all.all, c)));
+        min_p = fmin(min_p, p_value(z_of(job, &all.all, c)));
         if (all.blocks > 0) {
-            least = fmin(least, chance_of_squares(all.squares[c], blocks));
-            least = fmin(least, -expm1(blocks * log1p(-fmin(chance_of(all.largest[c]), 1.0 - 1e-16))));
+            min_p = fmin(min_p, p_value_of_squares(all.squares[c], blocks));
+            min_p = fmin(min_p, -expm1(blocks * log1p(-fmin(p_value(all.largest[c]), 1.0 - 1e-16))));
         }
     }
-    a->p = fmin(1.0, least * (all.blocks > 0 ? TESTS_OF_MEANS + TESTS_OF_BLOCKS : TESTS_OF_MEANS)); /* Bonferroni */
+    a->p = fmin(1.0, min_p * (all.blocks > 0 ? TESTS_OF_MEANS + TESTS_OF_BLOCKS : TESTS_OF_MEANS)); /* Bonferroni */
 }
 
 /* --- All of it ------------------------------------------------------------------------------------------------------------------ */

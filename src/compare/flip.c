@@ -26,11 +26,11 @@ static void invert(const double m[9], double out[9])
 {
     const double a = m[4] * m[8] - m[5] * m[7], b = m[5] * m[6] - m[3] * m[8], c = m[3] * m[7] - m[4] * m[6];
     const double scale = 1.0 / (m[0] * a + m[1] * b + m[2] * c);
-    const double adjoint[9] = { a, m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],
-                                b, m[0] * m[8] - m[2] * m[6], m[2] * m[3] - m[0] * m[5],
-                                c, m[1] * m[6] - m[0] * m[7], m[0] * m[4] - m[1] * m[3] };
+    const double adjugate[9] = { a, m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],
+                                 b, m[0] * m[8] - m[2] * m[6], m[2] * m[3] - m[0] * m[5],
+                                 c, m[1] * m[6] - m[0] * m[7], m[0] * m[4] - m[1] * m[3] };
     for (int i = 0; i < 9; i++)
-        out[i] = scale * adjoint[i];
+        out[i] = scale * adjugate[i];
 }
 
 static double lightness(double x)

@@ -80,11 +80,6 @@ INLINE float cube_root_of(float x)
     return y * ((y3 + 2.0f * x) / (2.0f * y3 + x));
 }
 
-INLINE float unit(float x)
-{
-    return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
-}
-
 /* The sRGB transfer function of [0, 1]. */
 INLINE float encode(float x)
 {
@@ -156,7 +151,8 @@ static int blocks(const struct pell_tile *tile)
 /* --- Display ------------------------------------------------------------------------------------------------------------------ */
 
 /* The filmic curve of `render`. */
-static void show_filmic(float exposure, const float *const light[3], size_t count, float *restrict r, float *restrict g, float *restrict b)
+static void tone_map_filmic(float exposure, const float *const light[3], size_t count, float *restrict r, float *restrict g,
+                            float *restrict b)
 {
     const float *restrict lr = light[0], *restrict lg = light[1], *restrict lb = light[2];
     const float e = PELL_FILMIC_SCALE * exposure;
@@ -166,21 +162,21 @@ static void show_filmic(float exposure, const float *const light[3], size_t coun
         const float u = fminf(PELL_FILMIC_TO_R(x, y, z), PELL_FILMIC_MOST), v = fminf(PELL_FILMIC_TO_G(x, y, z), PELL_FILMIC_MOST),
                     w = fminf(PELL_FILMIC_TO_B(x, y, z), PELL_FILMIC_MOST);
         const float p = PELL_FILMIC_CURVE(u), q = PELL_FILMIC_CURVE(v), s = PELL_FILMIC_CURVE(w);
-        r[i] = unit(PELL_FILMIC_FROM_R(p, q, s));
-        g[i] = unit(PELL_FILMIC_FROM_G(p, q, s));
-        b[i] = unit(PELL_FILMIC_FROM_B(p, q, s));
+        r[i] = pell_saturate(PELL_FILMIC_FROM_R(p, q, s));
+        g[i] = pell_saturate(PELL_FILMIC_FROM_G(p, q, s));
+        b[i] = pell_saturate(PELL_FILMIC_FROM_B(p, q, s));
     }
 }
 
 /* Tone-maps to [0, 1], linear. */
-static void show(const struct pell_tone *tone, const float *const light[3], size_t count, float *restrict r, float *restrict g,
-                 float *restrict b)
+static void tone_map(const struct pell_tone *tone, const float *const light[3], size_t count, float *restrict r, float *restrict g,
+                     float *restrict b)
 {
     const float *restrict lr = light[0], *restrict lg = light[1], *restrict lb = light[2];
     const float e = tone->exposure, ws = tone->white_scale;
 
     if (tone->curve == PELL_COMPARE_FILMIC) {
-        show_filmic(e, light, count, r, g, b);
+        tone_map_filmic(e, light, count, r, g, b);
         return;
     }
     if (tone->curve == PELL_COMPARE_ACES) {
@@ -189,16 +185,16 @@ static void show(const struct pell_tone *tone, const float *const light[3], size
         for (int c = 0; c < 3; c++)
             for (size_t i = 0; i < count; i++) {
                 const float v = e * in[c][i], x = v > 0.0f ? v < 1e6f ? v : 1e6f : 0.0f;
-                out[c][i] = unit(x * (0.36f * 2.51f * x + 0.6f * 0.03f) / (x * (0.36f * 2.43f * x + 0.6f * 0.59f) + 0.14f));
+                out[c][i] = pell_saturate(x * (0.36f * 2.51f * x + 0.6f * 0.03f) / (x * (0.36f * 2.43f * x + 0.6f * 0.59f) + 0.14f));
             }
         return;
     }
     for (size_t i = 0; i < count; i++) {
         const float lum = e * PELL_LUMINANCE(lr[i], lg[i], lb[i]), y = lum > 0.0f ? lum < 1e12f ? lum : 1e12f : 0.0f;
         const float scale = tone->curve == PELL_COMPARE_LINEAR ? e : e * ((1.0f + y * ws) / (1.0f + y));
-        r[i] = unit(scale * lr[i]);
-        g[i] = unit(scale * lg[i]);
-        b[i] = unit(scale * lb[i]);
+        r[i] = pell_saturate(scale * lr[i]);
+        g[i] = pell_saturate(scale * lg[i]);
+        b[i] = pell_saturate(scale * lb[i]);
     }
 }
 
@@ -219,7 +215,7 @@ static void to_opponent_colors(const struct pell_flip_filters *f, size_t count, 
 }
 
 /* Perceptual features of an image: L, a, b after Hunt, and the strength of edges and of points. */
-enum { EYE_L, EYE_A, EYE_B, EYE_EDGE, EYE_POINT, EYE_PLANES };
+enum { FEATURE_L, FEATURE_A, FEATURE_B, FEATURE_EDGE, FEATURE_POINT, FEATURE_PLANES };
 /* Filtered along rows. */
 enum { ROW_Y, ROW_RG, ROW_BY0, ROW_BY1, ROW_SMOOTH, ROW_EDGE, ROW_POINT, ROW_PLANES };
 
@@ -243,17 +239,17 @@ static void filter_rows(const struct pell_tile *t, const struct pell_flip_filter
 }
 
 /* One row of filtered y, x - y, y - z to L, a, b, a and b times L/100 (Hunt). */
-static void uniform(const struct pell_flip_filters *f, float line[4][W], float *out, int count)
+static void to_hunt_lab(const struct pell_flip_filters *f, float line[4][W], float *out, int count)
 {
     const float *restrict y = line[0], *restrict rg = line[1], *restrict by0 = line[2], *restrict by1 = line[3];
-    float *restrict out_l = out + EYE_L * W * H, *restrict out_a = out + EYE_A * W * H, *restrict out_b = out + EYE_B * W * H;
+    float *restrict out_l = out + FEATURE_L * W * H, *restrict out_a = out + FEATURE_A * W * H, *restrict out_b = out + FEATURE_B * W * H;
     const float *m = f->to_xyz, *inverse = f->from_xyz, w0 = f->blue_yellow_weight[0], w1 = f->blue_yellow_weight[1];
 
     for (int i = 0; i < count; i++) {
         const float Y = y[i], X = Y + rg[i], Z = Y - (w0 * by0[i] + w1 * by1[i]);
-        const float r = unit(inverse[0] * X + inverse[1] * Y + inverse[2] * Z);
-        const float g = unit(inverse[3] * X + inverse[4] * Y + inverse[5] * Z);
-        const float b = unit(inverse[6] * X + inverse[7] * Y + inverse[8] * Z);
+        const float r = pell_saturate(inverse[0] * X + inverse[1] * Y + inverse[2] * Z);
+        const float g = pell_saturate(inverse[3] * X + inverse[4] * Y + inverse[5] * Z);
+        const float b = pell_saturate(inverse[6] * X + inverse[7] * Y + inverse[8] * Z);
         const float fx = lightness(m[0] * r + m[1] * g + m[2] * b), fy = lightness(m[3] * r + m[4] * g + m[5] * b);
         const float fz = lightness(m[6] * r + m[7] * g + m[8] * b), L = 116.0f * fy - 16.0f;
         out_l[i] = L;
@@ -262,57 +258,57 @@ static void uniform(const struct pell_flip_filters *f, float line[4][W], float *
     }
 }
 
-static void see(const struct pell_tile *t, const struct pell_flip_filters *f, const struct pell_tone *tone, int which, float *scratch,
-                float *eye)
+static void find_features(const struct pell_tile *t, const struct pell_flip_filters *f, const struct pell_tone *tone, int which,
+                          float *scratch, float *features)
 {
     const size_t padded = (size_t) t->row * (size_t) t->rows, plane = (size_t) t->rows * W;
     float *const opponent[3] = { scratch, scratch + padded, scratch + 2 * padded };
     float *rows = scratch + 3 * padded;
     const int n = blocks(t);
 
-    show(tone, t->light[which], padded, opponent[0], opponent[1], opponent[2]);
+    tone_map(tone, t->light[which], padded, opponent[0], opponent[1], opponent[2]);
     to_opponent_colors(f, padded, opponent[0], opponent[1], opponent[2]);
     filter_rows(t, f, opponent, rows);
     for (int i = 0; i < t->height; i++) {
         const float *in = rows + (size_t) (i + t->pad) * W;
-        float line[4][W], *out = eye + (size_t) i * W;
+        float line[4][W], *out = features + (size_t) i * W;
 
         sum_symmetric(in + ROW_Y * plane, W, f->achromatic, f->achromatic_radius, line[0], n);
         sum_symmetric(in + ROW_RG * plane, W, f->red_green, f->red_green_radius, line[1], n);
         sum_symmetric(in + ROW_BY0 * plane, W, f->blue_yellow[0], f->blue_yellow_radius, line[2], n);
         sum_symmetric(in + ROW_BY1 * plane, W, f->blue_yellow[1], f->blue_yellow_radius, line[3], n);
-        uniform(f, line, out, n);
+        to_hunt_lab(f, line, out, n);
 
         sum_symmetric(in + ROW_EDGE * plane, W, f->smooth, f->feature_radius, line[0], n);
         sum_antisymmetric(in + ROW_SMOOTH * plane, W, f->edge, f->feature_radius, line[1], n);
         sum_symmetric(in + ROW_POINT * plane, W, f->smooth, f->feature_radius, line[2], n);
         sum_symmetric(in + ROW_SMOOTH * plane, W, f->point, f->feature_radius, line[3], n);
         for (int x = 0; x < n; x++) {
-            out[EYE_EDGE * W * H + x] = sqrtf(line[0][x] * line[0][x] + line[1][x] * line[1][x]);
-            out[EYE_POINT * W * H + x] = sqrtf(line[2][x] * line[2][x] + line[3][x] * line[3][x]);
+            out[FEATURE_EDGE * W * H + x] = sqrtf(line[0][x] * line[0][x] + line[1][x] * line[1][x]);
+            out[FEATURE_POINT * W * H + x] = sqrtf(line[2][x] * line[2][x] + line[3][x] * line[3][x]);
         }
     }
 }
 
 static void flip(const struct pell_tile *t, const struct pell_flip_filters *f, const struct pell_tone *tone, float *error)
 {
-    float *eye[2] = { t->scratch, t->scratch + EYE_PLANES * W * H }, *scratch = t->scratch + 2 * EYE_PLANES * W * H;
+    float *features[2] = { t->scratch, t->scratch + FEATURE_PLANES * W * H }, *scratch = t->scratch + 2 * FEATURE_PLANES * W * H;
     const int n = blocks(t);
 
     for (int p = 0; p < 2; p++)
-        see(t, f, tone, p, scratch, eye[p]);
+        find_features(t, f, tone, p, scratch, features[p]);
     for (int i = 0; i < t->height; i++) {
-        const float *restrict a = eye[0] + i * W, *restrict b = eye[1] + i * W;
+        const float *restrict a = features[0] + i * W, *restrict b = features[1] + i * W;
         float *restrict out = error + i * W;
         for (int x = 0; x < n; x++) {
-            const float dl = fabsf(a[EYE_L * W * H + x] - b[EYE_L * W * H + x]);
-            const float da = a[EYE_A * W * H + x] - b[EYE_A * W * H + x], db = a[EYE_B * W * H + x] - b[EYE_B * W * H + x];
+            const float dl = fabsf(a[FEATURE_L * W * H + x] - b[FEATURE_L * W * H + x]);
+            const float da = a[FEATURE_A * W * H + x] - b[FEATURE_A * W * H + x], db = a[FEATURE_B * W * H + x] - b[FEATURE_B * W * H + x];
             const float color = power_of(dl + sqrtf(da * da + db * db), 0.7f);
             const float low = f->low_slope * color, high = 1.0f - f->high_slope * (f->scale - color);
-            const float edge = fabsf(a[EYE_EDGE * W * H + x] - b[EYE_EDGE * W * H + x]);
-            const float point = fabsf(a[EYE_POINT * W * H + x] - b[EYE_POINT * W * H + x]);
+            const float edge = fabsf(a[FEATURE_EDGE * W * H + x] - b[FEATURE_EDGE * W * H + x]);
+            const float point = fabsf(a[FEATURE_POINT * W * H + x] - b[FEATURE_POINT * W * H + x]);
             const float feature = sqrtf((edge > point ? edge : point) * 0.707106781f);
-            out[x] = power_of(unit(color < f->knee ? low : high), 1.0f - unit(feature));
+            out[x] = power_of(pell_saturate(color < f->knee ? low : high), 1.0f - pell_saturate(feature));
         }
     }
 }
@@ -366,11 +362,11 @@ static void compare_channel(const struct pell_tile *t, const float *window, floa
 static void ssim(const struct pell_tile *t, const float *window, const struct pell_tone *tone, float *map[4])
 {
     const size_t padded = (size_t) t->row * (size_t) t->rows;
-    float *shown[2] = { t->scratch, t->scratch + 3 * padded }, *planes = t->scratch + 6 * padded, *rows = planes + 5 * padded;
+    float *display[2] = { t->scratch, t->scratch + 3 * padded }, *planes = t->scratch + 6 * padded, *rows = planes + 5 * padded;
 
     for (int p = 0; p < 2; p++) {
-        float *restrict r = shown[p], *restrict g = r + padded, *restrict b = g + padded, *restrict luma = planes + (size_t) p * padded;
-        show(tone, t->light[p], padded, r, g, b);
+        float *restrict r = display[p], *restrict g = r + padded, *restrict b = g + padded, *restrict luma = planes + (size_t) p * padded;
+        tone_map(tone, t->light[p], padded, r, g, b);
         for (size_t i = 0; i < padded; i++) {
             r[i] = encode(r[i]);
             g[i] = encode(g[i]);
@@ -381,7 +377,7 @@ static void ssim(const struct pell_tile *t, const float *window, const struct pe
     compare_channel(t, window, planes, rows, map[0]);
     for (int c = 0; c < 3; c++) {
         for (int p = 0; p < 2; p++)
-            memcpy(planes + (size_t) p * padded, shown[p] + (size_t) c * padded, padded * sizeof(float));
+            memcpy(planes + (size_t) p * padded, display[p] + (size_t) c * padded, padded * sizeof(float));
         compare_channel(t, window, planes, rows, map[c + 1]);
     }
 }

@@ -53,7 +53,7 @@ struct pell_tile_kernels {
     void (*flip)(const struct pell_tile *tile, const struct pell_flip_filters *filters, const struct pell_tone *tone, float *error);
     /* SSIM of the luma, then of R, G, B. */
     void (*ssim)(const struct pell_tile *tile, const float *window, const struct pell_tone *tone, float *map[4]);
-    /* x^0.7, x^0.5: for tests; x in [0, 1e4]. */
+    /* x^exponent and the cube root, for tests; x in [0, 1e4]. */
     void (*power)(const float *x, float exponent, float *out, int count);
     void (*cube_root)(const float *x, float *out, int count);
 };
@@ -71,7 +71,7 @@ void pell_flip_prepare(double ppd, struct pell_flip_filters *filters);
 /* log2 of the exposures of HDR-FLIP for a reference whose largest and median luminance these are (both above 0). */
 void pell_flip_exposures(double largest, double median, double *start, double *stop, int *count);
 
-/* exp2(x) and the ACES curve (Narkowicz 2015, with its factor of 0.6 undone): for any finite x >= 0. */
+/* The ACES curve (Narkowicz 2015, with its factor of 0.6 undone), as HDR-FLIP applies it to exposed values: for any finite x >= 0. */
 double pell_aces(double x);
 
 /* Half of the window of SSIM: PELL_SSIM_RADIUS + 1 weights. */
