@@ -34,7 +34,7 @@ enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uint64_t handle, u
     return PELL_ERR_DEVICE;
 }
 
-uint64_t pell_gpu_buffer_number(const struct pell_gpu_buffer *buffer)
+uint64_t pell_gpu_buffer_id(const struct pell_gpu_buffer *buffer)
 {
     (void) buffer;
     return 0;

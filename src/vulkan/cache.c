@@ -13,9 +13,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define MOST_BYTES ((size_t) 64 << 20)
+#define MAX_BYTES ((size_t) 64 << 20)
 
-enum { VERSION = 1, DRIVERS_HEADER = 32 /* bytes defined by Vulkan: size, version, vendor, device, UUID */ };
+enum { VERSION = 1, DRIVER_HEADER = 32 /* bytes defined by Vulkan: size, version, vendor, device, UUID */ };
 
 struct header {
     char magic[8];
@@ -38,14 +38,14 @@ static struct header header_of(const struct pell_gpu *gpu, const void *data, siz
 }
 
 /* Whether the driver's own header matches this device. */
-static bool is_drivers(const struct header *h, const uint8_t *data, size_t size)
+static bool matches_driver(const struct header *h, const uint8_t *data, size_t size)
 {
     uint32_t words[4];
 
-    if (size < DRIVERS_HEADER)
+    if (size < DRIVER_HEADER)
         return false;
     memcpy(words, data, sizeof(words));
-    return words[0] >= DRIVERS_HEADER && words[0] <= size && words[1] == VK_PIPELINE_CACHE_HEADER_VERSION_ONE && words[2] == h->vendor &&
+    return words[0] >= DRIVER_HEADER && words[0] <= size && words[1] == VK_PIPELINE_CACHE_HEADER_VERSION_ONE && words[2] == h->vendor &&
            words[3] == h->device && memcmp(data + sizeof(words), h->uuid, sizeof(h->uuid)) == 0;
 }
 
@@ -68,7 +68,7 @@ static bool is_ours(const struct pell_gpu *gpu, const uint8_t *file, size_t size
         return false;
     memcpy(&found, file, sizeof(found));
     wanted = header_of(gpu, file + sizeof(found), size - sizeof(found));
-    return memcmp(&found, &wanted, sizeof(found)) == 0 && is_drivers(&wanted, file + sizeof(found), size - sizeof(found));
+    return memcmp(&found, &wanted, sizeof(found)) == 0 && matches_driver(&wanted, file + sizeof(found), size - sizeof(found));
 }
 
 /* Reads the file, which the caller frees; NULL if it is unusable. */
@@ -80,7 +80,7 @@ static enum pell_result read_file(struct pell_gpu *gpu, uint8_t **file, size_t *
     *file = NULL;
     if (stat(gpu->cache_path, &st) != 0 || !S_ISREG(st.st_mode) || access(gpu->cache_path, R_OK) != 0)
         return PELL_OK;
-    if (st.st_size >= (off_t) sizeof(struct header) && st.st_size <= (off_t) MOST_BYTES) {
+    if (st.st_size >= (off_t) sizeof(struct header) && st.st_size <= (off_t) MAX_BYTES) {
         res = pell_file_read(gpu->ctx, gpu->cache_path, file, size);
         if (res != PELL_OK || is_ours(gpu, *file, *size))
             return res;
@@ -134,7 +134,7 @@ static void write_cache(struct pell_gpu *gpu)
     size_t size = 0;
     uint8_t *data;
 
-    if (gpu->vk.GetPipelineCacheData(gpu->device, gpu->cache, &size, NULL) != VK_SUCCESS || size < DRIVERS_HEADER || size > MOST_BYTES ||
+    if (gpu->vk.GetPipelineCacheData(gpu->device, gpu->cache, &size, NULL) != VK_SUCCESS || size < DRIVER_HEADER || size > MAX_BYTES ||
         !is_writable(gpu->cache_path))
         return;
     data = pell_alloc(gpu->ctx, sizeof(struct header) + size);

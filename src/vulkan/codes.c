@@ -11,25 +11,25 @@
 #include <string.h>
 #include <unistd.h>
 
-/* Reads the file, which the caller frees; NULL: unusable. `*looked`: the file could be examined; else it could not be read now. */
-static uint32_t *read_words(struct pell_gpu *gpu, const struct pell_shader *like, const char *path, const struct stat *st, size_t *size,
-                            bool *looked)
+/* Reads the file, which the caller frees; NULL: unusable. `*examined`: the file could be examined; else it could not be read now. */
+static uint32_t *read_words(struct pell_gpu *gpu, const struct pell_shader *builtin, const char *path, const struct stat *st, size_t *size,
+                            bool *examined)
 {
     const char *why = NULL;
     uint8_t *data = NULL;
     enum pell_result res;
 
-    *looked = true;
-    if (!S_ISREG(st->st_mode) || st->st_size > PELL_SPIRV_MOST || access(path, R_OK) != 0) {
-        pell_warn(gpu->ctx, path, PELL_VK_SHADER_HINT, "is no file that can be read, of at most %d MiB", PELL_SPIRV_MOST >> 20);
+    *examined = true;
+    if (!S_ISREG(st->st_mode) || st->st_size > PELL_SPIRV_MAX || access(path, R_OK) != 0) {
+        pell_warn(gpu->ctx, path, PELL_VK_SHADER_HINT, "is no file that can be read, of at most %d MiB", PELL_SPIRV_MAX >> 20);
         return NULL;
     }
     pell_log_downgrade(gpu->ctx, 1);
     if (pell_file_read(gpu->ctx, path, &data, size) != PELL_OK)
         data = NULL;
     pell_log_downgrade(gpu->ctx, -1);
-    res = data ? pell_spirv_check(gpu->ctx, (const uint32_t *) (const void *) data, *size, like, &why) : PELL_ERR_IO;
-    *looked = res == PELL_OK;
+    res = data ? pell_spirv_check(gpu->ctx, (const uint32_t *) (const void *) data, *size, builtin, &why) : PELL_ERR_IO;
+    *examined = res == PELL_OK;
     if (res == PELL_OK && !why)
         return (uint32_t *) (void *) data;
     if (why)
@@ -50,7 +50,7 @@ static void reload_if_changed(struct pell_gpu *gpu, struct pell_vk_code *code, c
     struct stat st;
     uint32_t *words;
     size_t size = 0;
-    bool looked;
+    bool examined;
 
     if (stat(path, &st) != 0) {
         code->version += code->words != NULL;
@@ -61,8 +61,8 @@ static void reload_if_changed(struct pell_gpu *gpu, struct pell_vk_code *code, c
     }
     if (is_same(&st, &code->seen))
         return;
-    words = read_words(gpu, code->like, path, &st, &size, &looked);
-    if (looked) /* the state before reading: later writes are found by the next check */
+    words = read_words(gpu, code->builtin, path, &st, &size, &examined);
+    if (examined) /* the state before reading: later writes are found by the next check */
         code->seen = st;
     if (!words)
         return;
@@ -73,17 +73,17 @@ static void reload_if_changed(struct pell_gpu *gpu, struct pell_vk_code *code, c
     pell_info(gpu->ctx, path, "is read");
 }
 
-struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path)
+struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *builtin, const char *path)
 {
     struct pell_vk_code *code = gpu->codes;
 
-    while (code && code->like != like)
+    while (code && code->builtin != builtin)
         code = code->next;
     if (!code) {
         code = pell_zalloc(gpu->ctx, sizeof(*code));
         if (!code)
             return NULL;
-        code->like = like;
+        code->builtin = builtin;
         code->next = gpu->codes;
         gpu->codes = code;
         if (access(path, F_OK) != 0)

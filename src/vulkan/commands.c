@@ -104,7 +104,7 @@ void pell_gpu_begin_in(struct pell_gpu_commands *c, struct VkCommandBuffer_T *co
     c->gpu->vk.CmdPipelineBarrier2(c->buffer, &info);
 }
 
-static void write_time(struct pell_gpu_commands *c)
+static void write_timestamp(struct pell_gpu_commands *c)
 {
     if (c->queries)
         c->gpu->vk.CmdWriteTimestamp2(c->buffer, VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT, c->queries, (uint32_t) c->num_marks);
@@ -123,7 +123,7 @@ void pell_gpu_mark(struct pell_gpu_commands *c, const char *name)
     if (c->num_marks == PELL_GPU_MARKS)
         return;
     end_label(c);
-    write_time(c);
+    write_timestamp(c);
     c->names[c->num_marks++] = name;
     if (c->gpu->vk.CmdBeginDebugUtilsLabelEXT)
         c->gpu->vk.CmdBeginDebugUtilsLabelEXT(c->buffer, &label);
@@ -231,7 +231,7 @@ enum pell_result pell_gpu_finish(struct pell_gpu_commands *c)
     VkResult waited;
 
     end_label(c);
-    write_time(c);
+    write_timestamp(c);
     PELL_TRY(PELL_VK(c->gpu, EndCommandBuffer, (c->buffer)));
     PELL_TRY(submit(c));
     waited = wait_for(c);

@@ -132,7 +132,7 @@ struct pell_gpu_buffer {
     VkBuffer handle;
     uint64_t size;
     const char *name;
-    uint64_t number;             /* unique among all buffers of the gpu so far */
+    uint64_t id;                 /* unique among all buffers of the gpu so far */
     struct pell_vk_chunk *chunk; /* its memory */
     char *host;                  /* NULL: on the device */
     bool borrowed;
@@ -179,7 +179,7 @@ VkResult pell_vk_pipeline(struct pell_gpu *gpu, const struct pell_vk_program *pr
 /* The contents of a shader file, shared by all passes of that shader, present and future. */
 struct pell_vk_code {
     struct pell_vk_code *next;
-    const struct pell_shader *like;
+    const struct pell_shader *builtin;
     struct stat seen; /* file status at the last check; all 0: it did not exist */
     uint32_t *words;  /* the last usable code; NULL: none */
     size_t size;
@@ -190,7 +190,7 @@ struct pell_vk_code {
 #define PELL_VK_SHADER_HINT "the shader before it stays in use"
 
 /* The contents of the file at the path for a shader, checked now; NULL: out of memory. Called under codes_lock. */
-struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path);
+struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *builtin, const char *path);
 void pell_vk_codes_destroy(struct pell_gpu *gpu);
 
 /* --- replace.c --- */

@@ -60,8 +60,8 @@ static void describe(const struct pell_vk_instance *v, VkPhysicalDevice handle, 
 enum pell_result pell_vk_list_devices(struct pell_context *ctx, const struct pell_vk_instance *v, VkPhysicalDevice *handles,
                                       struct pell_vulkan_devices *out)
 {
-    VkPhysicalDevice found[PELL_VK_DEVICES_MOST];
-    uint32_t count = PELL_VK_DEVICES_MOST;
+    VkPhysicalDevice found[PELL_VK_MAX_DEVICES];
+    uint32_t count = PELL_VK_MAX_DEVICES;
     const VkResult result = v->EnumeratePhysicalDevices(v->handle, &count, found);
 
     if (result != VK_SUCCESS && result != VK_INCOMPLETE)

@@ -5,15 +5,15 @@
  *     pell_gpu_open(ctx, &params, &gpu);
  *     pell_gpu_buffer_create(gpu, PELL_GPU_TO_DEVICE, size, "in", &in);                    // and others
  *     pell_gpu_pass_create(gpu, &pell_blur_shader, constants, 1, buffers, &blur);          // a shader with its buffers
- *     pell_gpu_commands_create(gpu, 8, &list);
+ *     pell_gpu_commands_create(gpu, "frame", &list);
  *     pell_gpu_begin(list); pell_gpu_mark(list, "blur"); pell_gpu_run(list, blur, &push, 64, 64, 1); ... pell_gpu_finish(list);
  *
  * A pass accesses a buffer as its shader declares (readonly, writeonly): barriers are derived from that.
  *
  * Units      bytes, seconds.
  * Ownership  X_destroy and pell_gpu_close set the pointer to NULL and accept NULL in it. All objects of a gpu are destroyed before it.
- * Nothing is allocated between pell_gpu_begin and pell_gpu_finish, except for shaders from a folder. Errors     logged once:
- * PELL_ERR_DEVICE (no device, a call failed, the device was lost), PELL_ERR_NOMEM (host or device),
+ *            Nothing is allocated between pell_gpu_begin and pell_gpu_finish, except for shaders from a folder.
+ * Errors     logged once: PELL_ERR_DEVICE (no device, a call failed, the device was lost), PELL_ERR_NOMEM (host or device),
  *            PELL_ERR_UNSUPPORTED (more than the device's limits allow). On failure *out is NULL.
  * Threads    a gpu serves any number of threads. A buffer, a pass and a list belong to one at a time; a buffer to one list.
  */
@@ -90,7 +90,7 @@ PELL_NODISCARD enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uin
                                                        struct pell_gpu_buffer **out);
 void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer);
 /* An id that no other buffer of the gpu has, or had: shows whether passes were made with this one. */
-uint64_t pell_gpu_buffer_number(const struct pell_gpu_buffer *buffer);
+uint64_t pell_gpu_buffer_id(const struct pell_gpu_buffer *buffer);
 /* Host memory of a mapped buffer: write before a list that reads it finishes, read after one that wrote it finished. */
 void *pell_gpu_buffer_host(const struct pell_gpu_buffer *buffer);
 

@@ -104,16 +104,16 @@ static bool has_layer(const struct pell_vk_instance *v)
  * never gets back: after some 30 instances none is left, and the driver fails to load. So libraries that an instance has loaded stay
  * loaded. */
 
-enum { LIBRARIES_MOST = 1024, NEW_MOST = 128, PATH_MOST = 256 };
+enum { MAX_LIBRARIES = 1024, MAX_NEW = 128, MAX_PATH = 256 };
 
 struct libraries {
-    ElfW(Addr) base[LIBRARIES_MOST];
+    ElfW(Addr) base[MAX_LIBRARIES];
     int count;
 };
 
 struct new_libraries {
     const struct libraries *before;
-    char path[NEW_MOST][PATH_MOST];
+    char path[MAX_NEW][MAX_PATH];
     int count;
 };
 
@@ -123,7 +123,7 @@ static int list_library(struct dl_phdr_info *info, size_t size, void *user)
 
     (void) size;
     list->base[list->count++] = info->dlpi_addr;
-    return list->count == LIBRARIES_MOST;
+    return list->count == MAX_LIBRARIES;
 }
 
 static int list_new_library(struct dl_phdr_info *info, size_t size, void *user)
@@ -134,9 +134,9 @@ static int list_new_library(struct dl_phdr_info *info, size_t size, void *user)
     for (int i = 0; i < list->before->count; i++)
         if (list->before->base[i] == info->dlpi_addr)
             return 0;
-    if (info->dlpi_name && info->dlpi_name[0] && strlen(info->dlpi_name) < PATH_MOST)
+    if (info->dlpi_name && info->dlpi_name[0] && strlen(info->dlpi_name) < MAX_PATH)
         memcpy(list->path[list->count++], info->dlpi_name, strlen(info->dlpi_name) + 1);
-    return list->count == NEW_MOST;
+    return list->count == MAX_NEW;
 }
 
 static void keep_loaded(const struct libraries *before)
@@ -184,7 +184,7 @@ static VkResult create_instance(struct pell_context *ctx, struct pell_vk_instanc
         .ppEnabledExtensionNames = extensions,
     };
     const PFN_vkCreateInstance create = (PFN_vkCreateInstance) v->address(NULL, "vkCreateInstance");
-    PFN_vkCreateDebugUtilsMessengerEXT listen;
+    PFN_vkCreateDebugUtilsMessengerEXT create_messenger;
     VkResult result = create ? create(&info, NULL, &v->handle) : VK_ERROR_INITIALIZATION_FAILED;
 
     if (result != VK_SUCCESS) {
@@ -194,8 +194,8 @@ static VkResult create_instance(struct pell_context *ctx, struct pell_vk_instanc
 #define LOAD(name) v->name = (PFN_vk##name) v->address(v->handle, "vk" #name);
     PELL_VK_INSTANCE_FUNCTIONS(LOAD)
 #undef LOAD
-    listen = (PFN_vkCreateDebugUtilsMessengerEXT) v->address(v->handle, "vkCreateDebugUtilsMessengerEXT");
-    return validate && listen ? listen(v->handle, &messenger, NULL, &v->messenger) : VK_SUCCESS;
+    create_messenger = (PFN_vkCreateDebugUtilsMessengerEXT) v->address(v->handle, "vkCreateDebugUtilsMessengerEXT");
+    return validate && create_messenger ? create_messenger(v->handle, &messenger, NULL, &v->messenger) : VK_SUCCESS;
 }
 
 enum pell_result pell_vk_instance_open(struct pell_context *ctx, bool validate, struct pell_vk_instance *out, const char **why)
@@ -219,10 +219,10 @@ enum pell_result pell_vk_instance_open(struct pell_context *ctx, bool validate, 
 void pell_vk_instance_close(struct pell_vk_instance *v)
 {
     if (v->handle) {
-        const PFN_vkDestroyDebugUtilsMessengerEXT deafen =
+        const PFN_vkDestroyDebugUtilsMessengerEXT destroy_messenger =
             (PFN_vkDestroyDebugUtilsMessengerEXT) v->address(v->handle, "vkDestroyDebugUtilsMessengerEXT");
-        if (v->messenger && deafen)
-            deafen(v->handle, v->messenger, NULL);
+        if (v->messenger && destroy_messenger)
+            destroy_messenger(v->handle, v->messenger, NULL);
         v->DestroyInstance(v->handle, NULL);
     }
     if (v->loader)

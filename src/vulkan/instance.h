@@ -34,7 +34,7 @@ struct pell_vk_instance {
     VkDebugUtilsMessengerEXT messenger;
 };
 
-enum { PELL_VK_DEVICES_MOST = 64 };
+enum { PELL_VK_MAX_DEVICES = 64 };
 
 /* PELL_OK with handle NULL if there is no loader or driver: *why gives the reason. `validate`: with the validation layer (for calls and
  * synchronisation), whose messages are logged as errors; PELL_ERR_DEVICE if it is not installed. */
@@ -42,7 +42,7 @@ PELL_NODISCARD enum pell_result pell_vk_instance_open(struct pell_context *ctx, 
                                                       const char **why);
 void pell_vk_instance_close(struct pell_vk_instance *v);
 
-/* Lists the devices as pell_vulkan_devices_find does, and their handles: room for PELL_VK_DEVICES_MOST, or NULL. */
+/* Lists the devices as pell_vulkan_devices_find does, and their handles: room for PELL_VK_MAX_DEVICES, or NULL. */
 PELL_NODISCARD enum pell_result pell_vk_list_devices(struct pell_context *ctx, const struct pell_vk_instance *v, VkPhysicalDevice *handles,
                                                      struct pell_vulkan_devices *out);
 

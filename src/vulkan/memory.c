@@ -3,13 +3,13 @@
 #include "vulkan/core.h"
 
 /* A new block is as large as all existing ones, clamped to this range. */
-#define BLOCK_LEAST (UINT64_C(2) << 20)
-#define BLOCK_MOST (UINT64_C(64) << 20)
+#define BLOCK_MIN (UINT64_C(2) << 20)
+#define BLOCK_MAX (UINT64_C(64) << 20)
 
 /* A region of a block: chunks are contiguous, and no two free ones are adjacent. */
 struct pell_vk_chunk {
     struct pell_vk_block *block;
-    struct pell_vk_chunk *next, *before;
+    struct pell_vk_chunk *next, *previous;
     uint64_t offset, size;
     bool used;
 };
@@ -69,7 +69,7 @@ static bool split(struct pell_gpu *gpu, struct pell_vk_chunk *c, uint64_t size)
         return false;
     *rest = (struct pell_vk_chunk) { c->block, c->next, c, c->offset + size, c->size - size, false };
     if (rest->next)
-        rest->next->before = rest;
+        rest->next->previous = rest;
     c->next = rest;
     c->size = size;
     return true;
@@ -81,7 +81,7 @@ static void join(struct pell_gpu *gpu, struct pell_vk_chunk *c, struct pell_vk_c
     c->size += next->size;
     c->next = next->next;
     if (c->next)
-        c->next->before = c;
+        c->next->previous = c;
     pell_free(gpu->ctx, next);
 }
 
@@ -92,11 +92,11 @@ static void release(struct pell_gpu *gpu, struct pell_vk_chunk *c)
     c->used = false;
     if (c->next && !c->next->used)
         join(gpu, c, c->next);
-    if (c->before && !c->before->used) {
-        c = c->before;
+    if (c->previous && !c->previous->used) {
+        c = c->previous;
         join(gpu, c, c->next);
     }
-    if (c->before || c->next)
+    if (c->previous || c->next)
         return;
     for (struct pell_vk_block **b = &gpu->blocks; *b; b = &(*b)->next)
         if (*b == block) {
@@ -108,13 +108,13 @@ static void release(struct pell_gpu *gpu, struct pell_vk_chunk *c)
 
 static uint64_t block_size(const struct pell_gpu *gpu, uint64_t size)
 {
-    const uint64_t used = gpu->memory_used, block = used < BLOCK_LEAST ? BLOCK_LEAST : used > BLOCK_MOST ? BLOCK_MOST : used;
+    const uint64_t used = gpu->memory_used, block = used < BLOCK_MIN ? BLOCK_MIN : used > BLOCK_MAX ? BLOCK_MAX : used;
 
     return size > block ? size : block;
 }
 
-/* The first offset in the block that holds `size` aligned bytes. */
-static struct pell_vk_chunk *fit(const struct pell_vk_block *block, uint64_t size, uint64_t align, uint64_t *offset)
+/* The first free chunk of the block with room for `size` bytes from *offset on, which is aligned; NULL: none. */
+static struct pell_vk_chunk *find_fit(const struct pell_vk_block *block, uint64_t size, uint64_t align, uint64_t *offset)
 {
     for (struct pell_vk_chunk *c = block->chunks; c; c = c->next) {
         *offset = (c->offset + align - 1) / align * align;
@@ -133,10 +133,10 @@ static enum pell_result allocate(struct pell_gpu *gpu, uint32_t type, uint64_t s
 
     for (struct pell_vk_block *b = gpu->blocks; b && !c; b = b->next)
         if (b->type == type)
-            c = fit(b, size, align, &offset);
+            c = find_fit(b, size, align, &offset);
     if (!c) {
         PELL_TRY(create_block(gpu, type, block_size(gpu, size), &fresh));
-        c = fit(fresh, size, align, &offset);
+        c = find_fit(fresh, size, align, &offset);
         fresh->next = gpu->blocks;
         gpu->blocks = fresh;
     }
@@ -158,7 +158,7 @@ fail:
     return res;
 }
 
-/* -1: none. */
+/* The first allowed memory type with all wanted properties; -1: none. */
 static int find_type(const struct pell_gpu *gpu, uint32_t allowed, VkMemoryPropertyFlags wanted)
 {
     for (uint32_t i = 0; i < gpu->memory.memoryTypeCount; i++)
@@ -180,7 +180,7 @@ static int choose_type(const struct pell_gpu *gpu, uint32_t allowed, enum pell_g
     return type;
 }
 
-static enum pell_result back(struct pell_gpu_buffer *b, enum pell_gpu_memory memory)
+static enum pell_result bind_memory(struct pell_gpu_buffer *b, enum pell_gpu_memory memory)
 {
     struct pell_gpu *gpu = b->gpu;
     VkMemoryRequirements needs;
@@ -225,10 +225,10 @@ enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_memo
     b->gpu = gpu;
     b->size = size;
     b->name = name;
-    b->number = ++gpu->buffers;
+    b->id = ++gpu->buffers;
     PELL_TRY(PELL_VK(gpu, CreateBuffer, (gpu->device, &info, NULL, &b->handle)));
     pell_vk_name(gpu, VK_OBJECT_TYPE_BUFFER, (uint64_t) b->handle, name);
-    PELL_TRY(back(b, memory));
+    PELL_TRY(bind_memory(b, memory));
     *out = b;
     return PELL_OK;
 
@@ -246,13 +246,13 @@ enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uint64_t handle, u
     if (!b)
         return PELL_ERR_NOMEM;
     *b = (struct pell_gpu_buffer) { .gpu = gpu, .handle = (VkBuffer) handle, .size = size, .name = name, .borrowed = true };
-    b->number = ++gpu->buffers;
+    b->id = ++gpu->buffers;
     return PELL_OK;
 }
 
-uint64_t pell_gpu_buffer_number(const struct pell_gpu_buffer *buffer)
+uint64_t pell_gpu_buffer_id(const struct pell_gpu_buffer *buffer)
 {
-    return buffer->number;
+    return buffer->id;
 }
 
 void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer)

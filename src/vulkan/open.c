@@ -13,20 +13,6 @@ const char *pell_gpu_name(const struct pell_gpu *gpu)
     return gpu->name;
 }
 
-static bool holds(const char *text, const char *piece)
-{
-    const size_t length = strlen(piece);
-
-    for (; *text; text++) {
-        size_t i = 0;
-        while (i < length && text[i] && pell_lower(text[i]) == pell_lower(piece[i]))
-            i++;
-        if (i == length)
-            return true;
-    }
-    return false;
-}
-
 /* The device of the list that `wanted` names; -1, logged: none usable. */
 static int choose(struct pell_context *ctx, const struct pell_vulkan_devices *devices, const char *wanted)
 {
@@ -43,7 +29,7 @@ static int choose(struct pell_context *ctx, const struct pell_vulkan_devices *de
         found = (int) number;
     for (size_t i = 0; i < devices->count; i++) {
         pell_text_add(&list, "%s%zu %s", i > 0 ? ", " : "", i, devices->list[i].name);
-        if (found < 0 && number < 0 && wanted[0] && holds(devices->list[i].name, wanted))
+        if (found < 0 && number < 0 && wanted[0] && pell_text_contains(devices->list[i].name, wanted))
             found = (int) i;
     }
     if (found < 0) {
@@ -154,7 +140,7 @@ static void describe(struct pell_gpu *gpu)
 
 static enum pell_result choose_device(struct pell_gpu *gpu, const char *wanted)
 {
-    VkPhysicalDevice handles[PELL_VK_DEVICES_MOST];
+    VkPhysicalDevice handles[PELL_VK_MAX_DEVICES];
     struct pell_vulkan_devices devices = { .taken = -1 };
     enum pell_result res = pell_vk_list_devices(gpu->ctx, &gpu->instance, handles, &devices);
     const int found = res == PELL_OK ? choose(gpu->ctx, &devices, wanted) : -1;

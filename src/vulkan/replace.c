@@ -8,7 +8,7 @@
 #include <stdio.h>
 
 struct pell_vk_replaced {
-    struct pell_vk_replaced *before;
+    struct pell_vk_replaced *previous;
     VkPipeline pipeline;
 };
 
@@ -26,7 +26,7 @@ static void switch_code(struct pell_gpu_pass *p, struct pell_vk_code *code, cons
     if (!made)
         return;
     if (pell_vk_pipeline(p->gpu, p->program, code->words, code->size, &made->pipeline) == VK_SUCCESS) {
-        made->before = p->replaced;
+        made->previous = p->replaced;
         p->replaced = made;
         p->pipeline = made->pipeline;
     } else {
@@ -56,7 +56,7 @@ void pell_vk_replaced_destroy(struct pell_gpu_pass *p)
 {
     while (p->replaced) {
         struct pell_vk_replaced *r = p->replaced;
-        p->replaced = r->before;
+        p->replaced = r->previous;
         p->gpu->vk.DestroyPipeline(p->gpu->device, r->pipeline, NULL);
         pell_free(p->gpu->ctx, r);
     }

@@ -8,13 +8,13 @@
 #include <string.h>
 
 enum {
-    HEADER = 5,             /* words */
-    IDS_MOST = 1 << 18,     /* a module of the largest size has fewer */
-    MEMBERS_MOST = 1 << 12, /* decorations of members of structs */
-    STRUCTS_MOST = 1 << 10,
-    BLOCK_MOST = 64,        /* members of a buffer's block */
-    SHARED_MOST = 16 << 10, /* bytes of shared memory of a workgroup: guaranteed on every device */
-    OWN_MOST = 32 << 10,    /* bytes of an invocation's own variables */
+    HEADER = 5,            /* words */
+    MAX_IDS = 1 << 18,     /* a module of the largest size has fewer */
+    MAX_MEMBERS = 1 << 12, /* decorations of members of structs */
+    MAX_STRUCTS = 1 << 10,
+    MAX_BLOCK_MEMBERS = 64, /* members of a buffer's block */
+    MAX_SHARED = 16 << 10,  /* bytes of shared memory of a workgroup: guaranteed on every device */
+    MAX_PRIVATE = 32 << 10, /* bytes of an invocation's own variables */
     NO_BINDING = 0xffffffff
 };
 
@@ -71,21 +71,21 @@ struct id {
 };
 
 struct member {
-    uint32_t type, index, what, value;
+    uint32_t type, index, decoration, value;
 };
 
 struct module {
-    const struct pell_shader *like;
+    const struct pell_shader *builtin;
     const uint32_t *words;
     size_t count; /* words */
     struct id *ids;
     uint32_t num_ids, num_members, num_structs;
     struct member *members;
     uint32_t entries, entry, last, functions; /* the entry's function; the last instruction; functions begun and not ended */
-    uint32_t local[3], push_size, shared, own;
+    uint32_t local[3], push_size, shared_size, private_size;
     uint32_t built_in; /* the constant that overrides the workgroup size `local`; 0: none */
     uint32_t bindings; /* bit mask of declared bindings */
-    bool modelled, local_known, local_by_id, built_in_known, pushes;
+    bool has_memory_model, local_known, local_by_id, built_in_known, has_push_constants;
 };
 
 static struct id *id_of(const struct module *m, uint32_t id)
@@ -98,14 +98,14 @@ static uint32_t size_of(const struct module *m, uint32_t type)
     return type < m->num_ids ? m->ids[type].size : 0;
 }
 
-static uint32_t times(uint32_t size, uint32_t count)
+static uint32_t saturating_product(uint32_t size, uint32_t count)
 {
     const uint64_t all = (uint64_t) size * count;
 
     return all < UINT32_MAX ? (uint32_t) all : UINT32_MAX;
 }
 
-static uint32_t plus(uint32_t a, uint32_t b)
+static uint32_t saturating_sum(uint32_t a, uint32_t b)
 {
     return a < UINT32_MAX - b ? a + b : UINT32_MAX;
 }
@@ -120,30 +120,30 @@ static uint32_t struct_size(const struct module *m, uint32_t type, const uint32_
     uint32_t size = 0, end = 0;
 
     for (uint32_t i = 0; i < count; i++)
-        size = plus(size, size_of(m, members[i]));
+        size = saturating_sum(size, size_of(m, members[i]));
     for (uint32_t i = 0; i < m->num_members; i++)
-        if (m->members[i].type == type && m->members[i].what == MATRIX_STRIDE)
-            size = plus(size, times(m->members[i].value, 4)); /* columns or rows, at most */
-        else if (m->members[i].type == type && m->members[i].what == OFFSET && m->members[i].index < count) {
-            const uint32_t to = plus(m->members[i].value, size_of(m, members[m->members[i].index]));
+        if (m->members[i].type == type && m->members[i].decoration == MATRIX_STRIDE)
+            size = saturating_sum(size, saturating_product(m->members[i].value, 4)); /* columns or rows, at most */
+        else if (m->members[i].type == type && m->members[i].decoration == OFFSET && m->members[i].index < count) {
+            const uint32_t to = saturating_sum(m->members[i].value, size_of(m, members[m->members[i].index]));
             end = to > end ? to : end;
         }
     return size > end ? size : end;
 }
 
 /* Whether all members of a block have this decoration. */
-static bool members_are(const struct module *m, uint32_t type, enum decoration what)
+static bool members_are(const struct module *m, uint32_t type, enum decoration decoration)
 {
     uint64_t found = 0; /* bits of members */
 
     for (uint32_t i = 0; i < m->num_members; i++)
-        if (m->members[i].type == type && m->members[i].what == (uint32_t) what && m->members[i].index < BLOCK_MOST)
+        if (m->members[i].type == type && m->members[i].decoration == (uint32_t) decoration && m->members[i].index < MAX_BLOCK_MEMBERS)
             found |= (uint64_t) 1 << m->members[i].index;
-    return m->ids[type].value > 0 && m->ids[type].value <= BLOCK_MOST && found == UINT64_MAX >> (BLOCK_MOST - m->ids[type].value);
+    return m->ids[type].value > 0 && m->ids[type].value <= MAX_BLOCK_MEMBERS &&
+           found == UINT64_MAX >> (MAX_BLOCK_MEMBERS - m->ids[type].value);
 }
 
-/* --- Declarations: each returns an error text, or NULL
- * ---------------------------------------------------------------------------------- */
+/* --- Declarations: each function returns an error text, or NULL ---------------------------------------------------------------- */
 
 static const char *parse_buffer(struct module *m, const struct id *variable, uint32_t type)
 {
@@ -151,14 +151,14 @@ static const char *parse_buffer(struct module *m, const struct id *variable, uin
 
     if (type >= m->num_ids || m->ids[type].kind != TYPE_STRUCT)
         return "has a buffer that is no block";
-    if (variable->set != 0 || variable->binding >= (uint32_t) m->like->num_bindings)
+    if (variable->set != 0 || variable->binding >= (uint32_t) m->builtin->num_bindings)
         return "has a buffer at a binding that the built-in shader has none at";
     if (m->bindings >> variable->binding & 1u)
         return "has two buffers at one binding";
     m->bindings |= 1u << variable->binding;
     access = (variable->non_readable || members_are(m, type, NON_READABLE) ? 0 : PELL_GPU_READS) |
              (variable->non_writable || members_are(m, type, NON_WRITABLE) ? 0 : PELL_GPU_WRITES);
-    return access & ~m->like->access[variable->binding] ? "reads or writes a buffer that the built-in shader does not" : NULL;
+    return access & ~m->builtin->access[variable->binding] ? "reads or writes a buffer that the built-in shader does not" : NULL;
 }
 
 static const char *parse_variable(struct module *m, const uint32_t *a)
@@ -171,16 +171,16 @@ static const char *parse_variable(struct module *m, const uint32_t *a)
     case INPUT: return NULL;
     case PRIVATE:
     case IN_FUNCTION:
-        m->own = plus(m->own, size_of(m, pointer->value));
-        return m->own > OWN_MOST ? "has more than 32 KiB of variables of its own" : NULL;
+        m->private_size = saturating_sum(m->private_size, size_of(m, pointer->value));
+        return m->private_size > MAX_PRIVATE ? "has more than 32 KiB of variables of its own" : NULL;
     case WORKGROUP:
-        m->shared = plus(m->shared, size_of(m, pointer->value));
-        return m->shared > SHARED_MOST ? "shares more memory in a workgroup than 16 KiB" : NULL;
+        m->shared_size = saturating_sum(m->shared_size, size_of(m, pointer->value));
+        return m->shared_size > MAX_SHARED ? "shares more memory in a workgroup than 16 KiB" : NULL;
     case PUSH_CONSTANT:
         m->push_size = size_of(m, pointer->value);
-        if (m->pushes || m->push_size > m->like->push_size)
+        if (m->has_push_constants || m->push_size > m->builtin->push_size)
             return "has other push constants than the built-in shader";
-        m->pushes = true;
+        m->has_push_constants = true;
         return NULL;
     case STORAGE_BUFFER: return parse_buffer(m, variable, pointer->value);
     default: return "has variables other than buffers and push constants";
@@ -201,13 +201,13 @@ static const char *parse_type(struct module *m, uint32_t op, const uint32_t *a, 
     case TYPE_FLOAT: type->size = n > 1 ? a[1] / 8 : 0; break;
     case TYPE_BOOL: type->size = 4; break;
     case TYPE_VECTOR:
-    case TYPE_MATRIX: type->size = n > 2 ? times(size_of(m, a[1]), a[2]) : 0; break;
+    case TYPE_MATRIX: type->size = n > 2 ? saturating_product(size_of(m, a[1]), a[2]) : 0; break;
     case TYPE_ARRAY: /* sized by a specialisation constant: the length is unknown */
         type->size = size_of(m, a[1]) > type->stride ? size_of(m, a[1]) : type->stride;
-        type->size = length && length->kind == CONSTANT ? times(type->size, length->value) : UINT32_MAX;
+        type->size = length && length->kind == CONSTANT ? saturating_product(type->size, length->value) : UINT32_MAX;
         break;
     case TYPE_STRUCT:
-        if (++m->num_structs > STRUCTS_MOST)
+        if (++m->num_structs > MAX_STRUCTS)
             return "has too many structs";
         type->value = (uint32_t) n - 1;
         type->size = struct_size(m, a[0], a + 1, type->value);
@@ -248,7 +248,7 @@ static const char *parse_member(struct module *m, const uint32_t *a, size_t n)
 {
     if (a[2] != OFFSET && a[2] != MATRIX_STRIDE && a[2] != NON_READABLE && a[2] != NON_WRITABLE)
         return NULL;
-    if (m->num_members == MEMBERS_MOST)
+    if (m->num_members == MAX_MEMBERS)
         return "has too many members of structs";
     m->members[m->num_members++] = (struct member) { a[0], a[1], a[2], n > 3 ? a[3] : 0 };
     return NULL;
@@ -274,7 +274,7 @@ static const char *parse_composite(struct module *m, const uint32_t *a, size_t n
     m->built_in_known = n == 5 && !m->built_in_known;
     for (size_t k = 0; k < 3 && m->built_in_known; k++) {
         const struct id *id = id_of(m, a[2 + k]);
-        m->built_in_known = id && id->kind == CONSTANT && id->value == m->like->local[k];
+        m->built_in_known = id && id->kind == CONSTANT && id->value == m->builtin->local[k];
     }
     return m->built_in_known ? NULL : "has another workgroup than the built-in shader";
 }
@@ -298,8 +298,8 @@ static const char *parse_instruction(struct module *m, uint32_t op, const uint32
     case EXTENSION: return "needs an extension";
     case EXT_INST_IMPORT: return is_text(a + 1, n - 1, "GLSL.std.450") ? NULL : "imports other instructions than GLSL.std.450";
     case MEMORY_MODEL:
-        m->modelled = a[0] == LOGICAL && a[1] == GLSL450;
-        return m->modelled ? NULL : "has a memory model other than GLSL450";
+        m->has_memory_model = a[0] == LOGICAL && a[1] == GLSL450;
+        return m->has_memory_model ? NULL : "has a memory model other than GLSL450";
     case ENTRY_POINT:
         m->entries++;
         m->entry = a[1];
@@ -347,7 +347,7 @@ static const char *check_local(const struct module *m)
     for (int k = 0; k < 3; k++) {
         const struct id *id = m->local_by_id ? id_of(m, m->local[k]) : NULL;
         const uint32_t size = !m->local_by_id ? m->local[k] : id && id->kind == CONSTANT ? id->value : 0;
-        if (!m->local_known || size != m->like->local[k])
+        if (!m->local_known || size != m->builtin->local[k])
             return "has another workgroup than the built-in shader";
     }
     return NULL;
@@ -367,35 +367,35 @@ static const char *check_all(struct module *m)
         at += length;
     }
     entry = id_of(m, m->entry);
-    return why               ? why
-           : !m->modelled    ? "has no memory model"
-           : m->entries == 0 ? "is no compute shader with the one entry main"
+    return why                    ? why
+           : !m->has_memory_model ? "has no memory model"
+           : m->entries == 0      ? "is no compute shader with the one entry main"
            : m->functions != 0 || m->last != FUNCTION_END || !entry || entry->kind != FUNCTION ? "has damaged functions"
                                                                                                : check_local(m);
 }
 
 static const char *check_header(const uint32_t *words, size_t size)
 {
-    return size < HEADER * sizeof(*words) || size % sizeof(*words) != 0 || size > PELL_SPIRV_MOST
+    return size < HEADER * sizeof(*words) || size % sizeof(*words) != 0 || size > PELL_SPIRV_MAX
                ? "is not between 20 bytes and 4 MiB of words"
            : words[0] == 0x03022307u                                              ? "is of the other byte order"
            : words[0] != 0x07230203u                                              ? "is no SPIR-V"
            : words[1] < 0x00010000u || words[1] > 0x00010600u || words[1] & 0xffu ? "is of a version other than 1.0 to 1.6"
-           : words[3] == 0 || words[3] > IDS_MOST || words[4] != 0                ? "has a damaged header"
+           : words[3] == 0 || words[3] > MAX_IDS || words[4] != 0                 ? "has a damaged header"
                                                                                   : NULL;
 }
 
-enum pell_result pell_spirv_check(struct pell_context *ctx, const uint32_t *words, size_t size, const struct pell_shader *like,
+enum pell_result pell_spirv_check(struct pell_context *ctx, const uint32_t *words, size_t size, const struct pell_shader *builtin,
                                   const char **why)
 {
-    struct module m = { .like = like, .words = words, .count = size / sizeof(*words) };
+    struct module m = { .builtin = builtin, .words = words, .count = size / sizeof(*words) };
 
     *why = check_header(words, size);
     if (*why)
         return PELL_OK;
     m.num_ids = words[3];
     m.ids = pell_calloc(ctx, m.num_ids, sizeof(*m.ids));
-    m.members = pell_calloc(ctx, MEMBERS_MOST, sizeof(*m.members));
+    m.members = pell_calloc(ctx, MAX_MEMBERS, sizeof(*m.members));
     if (!m.ids || !m.members) {
         pell_free(ctx, m.ids);
         pell_free(ctx, m.members);

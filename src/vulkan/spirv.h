@@ -11,10 +11,10 @@
 
 #include "vulkan/gpu.h"
 
-enum { PELL_SPIRV_MOST = 4 << 20 }; /* bytes of a module */
+enum { PELL_SPIRV_MAX = 4 << 20 }; /* bytes of a module */
 
 /* PELL_OK; *why is NULL if it may, else a constant text of the reason; PELL_ERR_NOMEM. `words` must be aligned. */
 PELL_NODISCARD enum pell_result pell_spirv_check(struct pell_context *ctx, const uint32_t *words, size_t size,
-                                                 const struct pell_shader *like, const char **why);
+                                                 const struct pell_shader *builtin, const char **why);
 
 #endif

@@ -234,7 +234,7 @@ static enum pell_result make_pass(struct pell_picture_device *d, enum picture_pa
     for (int k = 0; k < shader->num_bindings; k++) {
         struct pell_gpu_buffer *b = d->buffers[pass_rows[pass].buffers[k]];
         buffers[k] = b ? b : d->buffers[EMPTY];
-        numbers[k] = pell_gpu_buffer_number(buffers[k]);
+        numbers[k] = pell_gpu_buffer_id(buffers[k]);
     }
     if (d->passes[pass] && memcmp(numbers, d->bound[pass], sizeof(numbers)) == 0)
         return PELL_OK;
