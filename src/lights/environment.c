@@ -2,7 +2,7 @@
  *
  * environment.c - environment light: a latitude-longitude image or a constant, resolved into
  *
- *   lights       directional lights for the excess over a clamped luminance, by splitting the image where energy times angular variance is
+ *   lights      directional lights for the excess over a clamped luminance, by splitting the image where energy times angular variance is
  *               largest, at the median (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling")
  *   table       irradiance over the normal, for the WHOLE image except compact lights (a sun). A pixel computes
  *
@@ -21,8 +21,8 @@
 
 #include <string.h>
 
-#define BLOCK 16           /* texels of the coarsest elements */
-#define ELEMENT_SHARE 1024 /* a block is split while its energy x (side/BLOCK)^2 exceeds total / this */
+#define BLOCK 16             /* texels of the coarsest elements */
+#define ELEMENT_DIVISOR 1024 /* a block is split while its energy x (side/BLOCK)^2 exceeds total / this */
 
 /* --- Octahedral table over the normal ----------------------------------------------------------------------------------------- */
 
@@ -153,14 +153,14 @@ static enum pell_result make_map(struct pell_context *ctx, const struct pell_env
     if (!m->sin_row)
         return PELL_ERR_NOMEM;
     m->cos_row = m->sin_row + rows;
-    m->solid_row = m->cos_row + rows;
-    m->sin_column = m->solid_row + rows;
+    m->solid_angle_row = m->cos_row + rows;
+    m->sin_column = m->solid_angle_row + rows;
     m->cos_column = m->sin_column + columns;
     for (int y = 0; y < height; y++) {
         const double t = PELL_PI * (y + 0.5) / height, half = 0.5 * PELL_PI / height;
         m->sin_row[y] = (float) sin(t);
         m->cos_row[y] = (float) cos(t);
-        m->solid_row[y] = (float) (2.0 * PELL_PI / width * 2.0 * sin(t) * sin(half));
+        m->solid_angle_row[y] = (float) (2.0 * PELL_PI / width * 2.0 * sin(t) * sin(half));
     }
     for (int x = 0; x < width; x++) {
         /* map azimuth a: x = sin a, z = -cos a; rotated by the light's rotation about y */
@@ -216,7 +216,7 @@ static void resample_row(void *arg, int y, int worker)
 static void halve(const struct pell_env_map *from, struct pell_env_map *to)
 {
     for (int y = 0; y < to->height; y++) {
-        const float a = from->solid_row[2 * y], b = from->solid_row[2 * y + 1], inv = 0.5f / (a + b);
+        const float a = from->solid_angle_row[2 * y], b = from->solid_angle_row[2 * y + 1], inv = 0.5f / (a + b);
         const float *r0 = from->rgb + (size_t) (2 * y) * (size_t) from->width * 3, *r1 = r0 + (size_t) from->width * 3;
         float *out = to->rgb + (size_t) y * (size_t) to->width * 3;
         for (int x = 0; x < to->width; x++)
@@ -240,7 +240,7 @@ static double block_element(const struct pell_env_map *m, int x0, int y0, int si
 
     for (int y = y0; y < y0 + side; y++)
         for (int x = x0; x < x0 + side; x++) {
-            const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x), w = m->solid_row[y];
+            const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x), w = m->solid_angle_row[y];
             const struct pell_vec3 v = pell_env_map_direction(m, x, y);
             const double l = (double) w * ((double) p[0] + p[1] + p[2]);
             for (int c = 0; c < 3; c++)
@@ -342,9 +342,9 @@ static void filter_row(void *arg, int y, int worker)
     for (int x = 0; x < t->to->width; x++) {
         const int middle = (int) ((x + 0.5) / t->to->width * m->width);
         float *out = t->to->rgb + 3 * ((size_t) y * (size_t) t->to->width + (size_t) x);
-        const double turn = 2.0 * PELL_PI * ((x + 0.5) / t->to->width - 0.5);
-        struct pell_env_lobe lobe = { { (float) (sin(turn) * t->env->cos_rotate - cos(turn) * t->env->sin_rotate),
-                                        (float) (sin(turn) * t->env->sin_rotate + cos(turn) * t->env->cos_rotate) },
+        const double azimuth = 2.0 * PELL_PI * ((x + 0.5) / t->to->width - 0.5);
+        struct pell_env_lobe lobe = { { (float) (sin(azimuth) * t->env->cos_rotate - cos(azimuth) * t->env->sin_rotate),
+                                        (float) (sin(azimuth) * t->env->sin_rotate + cos(azimuth) * t->env->cos_rotate) },
                                       .a2 = t->alpha * t->alpha };
         float sums[4][PELL_ENV_WIDE] = { { 0 } }, total[4] = { 0 };
         for (int j = j0 < 0 ? 0 : j0; j < j1 && j < m->height; j++) {
@@ -359,7 +359,7 @@ static void filter_row(void *arg, int y, int worker)
                                                             m->plane[2] + (size_t) j * m->stride },
                                                           m->sin_column,
                                                           m->cos_column,
-                                                          m->map->solid_row[j] },
+                                                          m->map->solid_angle_row[j] },
                                  from, from + (full_circle ? m->width : 2 * reach + 1), &lobe, sums);
         }
         for (int c = 0; c < 4; c++)
@@ -400,7 +400,7 @@ static void free_scratch(struct pell_context *ctx, struct scratch *w)
 
 static enum pell_result allocate_scratch(struct pell_context *ctx, struct pell_environment *env, struct scratch *w)
 {
-    const int picture = env->image->image.width, width = picture >= 1024 ? 1024 : picture >= 512 ? 512 : 256;
+    const int image_width = env->image->image.width, width = image_width >= 1024 ? 1024 : image_width >= 512 ? 512 : 256;
     enum pell_result res;
 
     for (int size = width; size >= 64; size /= 2) {
@@ -457,7 +457,7 @@ static enum pell_result make_elements(struct pell_context *ctx, const struct pel
     for (int y = 0; y < map->height; y += BLOCK)
         for (int x = 0; x < map->width; x += BLOCK)
             total += block_element(map, x, y, BLOCK, &unused);
-    gather.threshold = total / ELEMENT_SHARE;
+    gather.threshold = total / ELEMENT_DIVISOR;
     gather_all(&gather);
     *elements = pell_calloc(ctx, gather.count + 1, sizeof(**elements));
     if (!*elements)
@@ -479,7 +479,7 @@ enum pell_result pell_environment_create(struct pell_context *ctx, const struct 
     enum pell_result res;
 
     *out = (struct pell_environment_lights) { 0 };
-    pell_environment_aim(env, light);
+    pell_environment_init(env, light);
     PELL_TRY(allocate_table(ctx, tables, env, &w.kernels));
     make_kernels(tables, env, w.kernels);
     if (env->image) {

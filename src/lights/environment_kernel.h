@@ -27,7 +27,7 @@ struct pell_env_element {
 /* A row of the image: its colours, the azimuth of its columns, and the solid angle of its texels. */
 struct pell_env_row {
     const float *plane[3], *sin_column, *cos_column;
-    float solid;
+    float solid_angle;
 };
 
 /* A lobe around a direction, to be integrated along a row of the image. */

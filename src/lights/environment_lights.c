@@ -26,7 +26,7 @@ static double excess(const float *rgb, float clamp)
 static double texel_energy(const struct pell_env_map *m, float clamp, int x, int y)
 {
     const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
-    return excess(p, clamp) * pell_luminance(p) * m->solid_row[y];
+    return excess(p, clamp) * pell_luminance(p) * m->solid_angle_row[y];
 }
 
 static void measure(const struct pell_env_map *m, float clamp, struct region *r)
@@ -37,7 +37,7 @@ static void measure(const struct pell_env_map *m, float clamp, struct region *r)
     for (int y = r->y0; y < r->y1; y++)
         for (int x = r->x0; x < r->x1; x++) {
             const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
-            const double fraction = excess(p, clamp) * m->solid_row[y], e = fraction * pell_luminance(p);
+            const double fraction = excess(p, clamp) * m->solid_angle_row[y], e = fraction * pell_luminance(p);
             if (fraction > 0.0) {
                 const struct pell_vec3 d = pell_env_map_direction(m, x, y);
                 r->energy += e;
@@ -56,7 +56,7 @@ static double region_length(const struct region *r)
 }
 
 /* Splits r at the median of its energy across the longer side; false: it can't be split. */
-static bool cut(const struct pell_env_map *m, float clamp, struct region *r, struct region *other)
+static bool split_region(const struct pell_env_map *m, float clamp, struct region *r, struct region *other)
 {
     const double across = (r->x1 - r->x0) * 2.0 * PELL_PI / m->width * m->sin_row[(r->y0 + r->y1 - 1) / 2];
     const double down = (r->y1 - r->y0) * PELL_PI / m->height;
@@ -93,7 +93,7 @@ static bool cut(const struct pell_env_map *m, float clamp, struct region *r, str
 static void set_extent(const struct pell_env_map *m, float clamp, const struct region *r, struct pell_light_source *source)
 {
     struct pell_vec3 t, b;
-    double tt = 0.0, tb = 0.0, bb = 0.0, turn, mean, spread;
+    double tt = 0.0, tb = 0.0, bb = 0.0, angle, mean, half_difference; /* of the eigenvalues of the covariance matrix */
 
     vec3_basis(source->direction, &t, &b);
     for (int y = r->y0; y < r->y1; y++)
@@ -107,13 +107,13 @@ static void set_extent(const struct pell_env_map *m, float clamp, const struct r
                 bb += e * db * db;
             }
         }
-    turn = 0.5 * atan2(2.0 * tb, tt - bb);
+    angle = 0.5 * atan2(2.0 * tb, tt - bb);
     mean = 0.5 * (tt + bb);
-    spread = sqrt(0.25 * (tt - bb) * (tt - bb) + tb * tb);
-    source->right = vec3_mad(vec3_mul(t, (float) cos(turn)), (float) sin(turn), b);
+    half_difference = sqrt(0.25 * (tt - bb) * (tt - bb) + tb * tb);
+    source->right = vec3_mad(vec3_mul(t, (float) cos(angle)), (float) sin(angle), b);
     source->up = vec3_cross(source->right, source->direction);
-    source->right = vec3_mul(source->right, (float) sqrt(3.0 * (mean + spread)));
-    source->up = vec3_mul(source->up, (float) sqrt(3.0 * fmax(mean - spread, 0.0)));
+    source->right = vec3_mul(source->right, (float) sqrt(3.0 * (mean + half_difference)));
+    source->up = vec3_mul(source->up, (float) sqrt(3.0 * fmax(mean - half_difference, 0.0)));
 }
 
 static void add_region(const struct pell_env_map *m, float clamp, struct pell_environment_lights *out, const struct region *r, int index)
@@ -144,7 +144,7 @@ enum pell_result pell_environment_light_sources(struct pell_context *ctx, const 
         double row = 0.0;
         for (int x = 0; x < m->width; x++)
             row += pell_luminance(m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x));
-        mean += row * m->solid_row[y] / (4.0 * PELL_PI);
+        mean += row * m->solid_angle_row[y] / (4.0 * PELL_PI);
     }
     clamp = (float) (CLAMP * mean);
     if (max_sources < 1 || !(mean > 0.0))
@@ -162,15 +162,15 @@ enum pell_result pell_environment_light_sources(struct pell_context *ctx, const 
     while (count > 0 && count < max_sources) {
         struct region other;
         int best = 0;
-        double most = -1.0;
+        double largest = -1.0;
         for (int i = 0; i < count; i++) {
-            const double spread = regions[i].energy - region_length(&regions[i]); /* energy x half the variance of the angle */
-            if (spread > most) {
-                most = spread;
+            const double variance = regions[i].energy - region_length(&regions[i]); /* energy x half the variance of the angle */
+            if (variance > largest) {
+                largest = variance;
                 best = i;
             }
         }
-        if (most <= 1e-6 * regions[0].energy || !cut(m, clamp, &regions[best], &other))
+        if (largest <= 1e-6 * regions[0].energy || !split_region(m, clamp, &regions[best], &other))
             break;
         memmove(&regions[best + 2], &regions[best + 1], (size_t) (count - best - 1) * sizeof(*regions)); /* halves are adjacent */
         regions[best + 1] = other;

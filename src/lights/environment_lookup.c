@@ -19,7 +19,7 @@ static void map_uv(struct pell_vec3 d, float *u, float *v)
     *v = p.y;
 }
 
-void pell_environment_aim(struct pell_environment *env, const struct pell_light *light)
+void pell_environment_init(struct pell_environment *env, const struct pell_light *light)
 {
     env->cos_rotate = cosf(light->rotate);
     env->sin_rotate = sinf(light->rotate);
@@ -71,10 +71,8 @@ static void level_lookup(const struct pell_env_level *l, float u, float v, float
     const float f = x - (float) xi, g = y - (float) yi;
     const float *r0 = l->rgb + (size_t) yi * (size_t) l->width * 3, *r1 = l->rgb + (size_t) yj * (size_t) l->width * 3;
 
-    for (int c = 0; c < 3; c++) {
-        const float a = r0[3 * xa + c] + f * (r0[3 * xb + c] - r0[3 * xa + c]), b = r1[3 * xa + c] + f * (r1[3 * xb + c] - r1[3 * xa + c]);
-        rgb[c] = a + g * (b - a);
-    }
+    for (int c = 0; c < 3; c++)
+        rgb[c] = pell_bilinear(r0[3 * xa + c], r0[3 * xb + c], r1[3 * xa + c], r1[3 * xb + c], f, g);
 }
 
 const float pell_env_level_roughness[PELL_ENV_LEVELS] = { 0.0f, 0.15f, 0.3f, 0.45f, 0.6f, 0.8f, 1.0f };
@@ -96,7 +94,7 @@ void pell_environment_reflection(const struct pell_environment *env, struct pell
     level_lookup(&env->levels[k], u, v, a);
     level_lookup(&env->levels[k + 1], u, v, b);
     for (int c = 0; c < 3; c++)
-        rgb[c] = a[c] + f * (b[c] - a[c]);
+        rgb[c] = pell_lerp(a[c], b[c], f);
 }
 
 void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 n, const struct pell_env_query *q, float rgb[3])

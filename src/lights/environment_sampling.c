@@ -6,17 +6,17 @@
  */
 #include "lights/environment_sampling.h"
 #include "image/color.h"
-#include "lights/lights.h"
+#include "lights/environment_map.h"
 
 #include <string.h>
 
 struct pell_sampled_environment {
     struct pell_environment env;
-    int width, height;     /* of the image; 0: constant */
-    double *rows;          /* cumulative distribution over rows of cells; height + 1 entries */
-    uint32_t *columns;     /* per row: cumulative distribution over its cells, scaled by 2^32, minus 1 */
-    double energy;         /* luminance over the sphere, sr W/(m^2 sr) */
-    double fraction, upto; /* fraction of all environments' energy; and cumulative, including this one */
+    int width, height;           /* of the image; 0: constant */
+    double *rows;                /* cumulative distribution over rows of cells; height + 1 entries */
+    uint32_t *columns;           /* per row: cumulative distribution over its cells, scaled by 2^32, minus 1 */
+    double energy;               /* luminance over the sphere, sr W/(m^2 sr) */
+    double fraction, cumulative; /* fraction of all environments' energy; and cumulative, including this one */
 };
 
 /* Luminance of a texel, sanitised like in the lookup. */
@@ -25,10 +25,7 @@ static double texel(const struct pell_sampled_environment *s, int x, int y)
     float rgba[4];
 
     pell_image_texel(&s->env.image->image, x, y, rgba);
-    for (int c = 0; c < 3; c++) {
-        const float v = rgba[c] * s->env.power[c];
-        rgba[c] = v > 0.0f ? v < 1e15f ? v : 1e15f : 0.0f;
-    }
+    pell_environment_clean(&s->env, rgba);
     return (double) pell_luminance(rgba);
 }
 
@@ -94,12 +91,12 @@ static double cell_density(const struct pell_sampled_environment *k, int column,
                            double t)
 {
     const uint32_t *columns = k->columns + (size_t) row * (size_t) k->width;
-    const double chance = (columns[column] - (column > 0 ? (double) columns[column - 1] : -1.0)) * (1.0 / 4294967296.0);
-    const double high = row_start(k, row), size = row_start(k, row + 1) - high, sine = sin(PELL_PI * (high + t * size));
+    const double probability = (columns[column] - (column > 0 ? (double) columns[column - 1] : -1.0)) * (1.0 / 4294967296.0);
+    const double top = row_start(k, row), height = row_start(k, row + 1) - top, sine = sin(PELL_PI * (top + t * height));
     const double value = (1.0 - t) * ((1.0 - s) * f[0] + s * f[1]) + t * ((1.0 - s) * f[2] + s * f[3]);
 
-    return (k->rows[row] - (row > 0 ? k->rows[row - 1] : 0.0)) * chance * (mean > 0.0 ? value / mean : 1.0) * k->width /
-           (size * 2.0 * PELL_PI * PELL_PI * fmax(sine, 1e-12));
+    return (k->rows[row] - (row > 0 ? k->rows[row - 1] : 0.0)) * probability * (mean > 0.0 ? value / mean : 1.0) * k->width /
+           (height * 2.0 * PELL_PI * PELL_PI * fmax(sine, 1e-12));
 }
 
 static double environment_density(const struct pell_sampled_environment *k, struct pell_vec3 direction)
@@ -126,7 +123,7 @@ static struct pell_vec3 environment_sample(const struct pell_sampled_environment
 {
     int low = 0, high = k->height, row;
     double f[4], s, t, before;
-    uint64_t number;
+    uint64_t target;
 
     if (k->width == 0) {
         const double y = 1.0 - 2.0 * u, r = sqrt(fmax(0.0, 1.0 - y * y));
@@ -143,12 +140,12 @@ static struct pell_vec3 environment_sample(const struct pell_sampled_environment
     before = row > 0 ? k->rows[row - 1] : 0.0;
     t = fmin(fmax((u - before) / (k->rows[row] - before), 0.0), 1.0);
     v *= 4294967296.0;
-    number = (uint64_t) v;
+    target = (uint64_t) v;
     low = 0;
     high = k->width - 1;
     while (low < high) {
         const int middle = (low + high) / 2;
-        if (k->columns[(size_t) row * (size_t) k->width + (size_t) middle] >= number)
+        if (k->columns[(size_t) row * (size_t) k->width + (size_t) middle] >= target)
             high = middle;
         else
             low = middle + 1;
@@ -186,14 +183,14 @@ struct pell_vec3 pell_environment_sampler_sample(const struct pell_environment_s
 {
     size_t k = 0;
 
-    while (k + 1 < e->count && !(choice < e->list[k].upto && e->list[k].fraction > 0.0))
+    while (k + 1 < e->count && !(choice < e->list[k].cumulative && e->list[k].fraction > 0.0))
         k++;
     return environment_sample(&e->list[k], u, v);
 }
 
 enum pell_result pell_environment_sampler_make(struct pell_context *ctx, const struct pell_scene *scene, struct pell_environment_sampler *e)
 {
-    double total = 0.0, upto = 0.0;
+    double total = 0.0, cumulative = 0.0;
 
     e->list = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->list));
     if (!e->list)
@@ -203,7 +200,7 @@ enum pell_result pell_environment_sampler_make(struct pell_context *ctx, const s
         if (scene->lights[i].type != PELL_LIGHT_ENVIRONMENT)
             continue;
         e->count++; /* counted first, so that it is released after a failure */
-        pell_environment_aim(&s->env, &scene->lights[i]);
+        pell_environment_init(&s->env, &scene->lights[i]);
         s->energy = 4.0 * PELL_PI * (double) pell_luminance(s->env.power);
         if (s->env.image && s->energy > 0.0) {
             const enum pell_result res = make_table(ctx, s);
@@ -216,7 +213,7 @@ enum pell_result pell_environment_sampler_make(struct pell_context *ctx, const s
         return PELL_OK;
     for (size_t i = 0; i < e->count; i++) {
         e->list[i].fraction = e->list[i].energy / total;
-        e->list[i].upto = upto += e->list[i].fraction;
+        e->list[i].cumulative = cumulative += e->list[i].fraction;
     }
     e->irradiance = 0.25 * total;
     return PELL_OK;

@@ -13,7 +13,7 @@
 #include <string.h>
 
 #define UNIFORM_FRACTION 0.1 /* fraction of the choices that is uniform over all lights, because estimates may be wrong */
-#define BACK_FACTOR 0.1      /* factor for lights that face away: points nearby may still be lit */
+#define ESTIMATE_FLOOR 0.1   /* least factor, for lights that face away or end before the point: points nearby may still be lit */
 #define IMAGE_STEPS 32       /* resolution, per side, for the mean of a projected image */
 
 struct sampled_light {
@@ -29,8 +29,8 @@ struct pell_light_sampler {
     struct sampled_light *list;
     size_t count;
     struct pell_environment_sampler environments; /* the last entry of the list, if there are any */
-    double soft2;                                 /* mm^2: lower bound of squared distances, for points at a light */
-    double middle[3], reach;                      /* of the scene's bounds: centre and half diagonal, mm */
+    double min_distance2;                         /* mm^2: lower bound of squared distances, for points at a light */
+    double centre[3], radius;                     /* of the scene's bounds: centre and half diagonal, mm */
 };
 
 /* --- Lights ---------------------------------------------------------------------------------------------------------------------- */
@@ -86,11 +86,11 @@ enum pell_result pell_light_sampler_create(struct pell_context *ctx, const struc
         const double size = (double) high[k] - low[k];
         if (!(size >= 0.0 && size < INFINITY))
             continue;
-        e->middle[k] = 0.5 * ((double) high[k] + low[k]);
+        e->centre[k] = 0.5 * ((double) high[k] + low[k]);
         diagonal2 += size * size;
     }
-    e->reach = diagonal2 > 0.0 ? 0.5 * sqrt(diagonal2) : 1.0;
-    e->soft2 = 1e-6 * e->reach * e->reach;
+    e->radius = diagonal2 > 0.0 ? 0.5 * sqrt(diagonal2) : 1.0;
+    e->min_distance2 = 1e-6 * e->radius * e->radius;
     e->list = pell_calloc(ctx, scene->num_lights + 1, sizeof(*e->list));
     if (!e->list)
         goto fail;
@@ -127,13 +127,13 @@ size_t pell_light_sampler_count(const struct pell_light_sampler *light_sampler)
 
 /* --- Light selection ------------------------------------------------------------------------------------------------------------- */
 
-static double partly(double seen)
+static double with_floor(double visible)
 {
-    return BACK_FACTOR + (1.0 - BACK_FACTOR) * seen;
+    return ESTIMATE_FLOOR + (1.0 - ESTIMATE_FLOOR) * visible;
 }
 
-/* Estimated irradiance of a light around `near`, W/m^2; `soft2`: lower bound of the squared distance. Never 0. */
-static double estimate(const struct sampled_light *e, struct pell_vec3 near, double soft2)
+/* Estimated irradiance of a light around `near`, W/m^2; `min_distance2`: lower bound of the squared distance. Never 0. */
+static double estimate(const struct sampled_light *e, struct pell_vec3 near, double min_distance2)
 {
     const struct pell_light_source *source = &e->source;
     struct pell_dvec3 d;
@@ -145,47 +145,50 @@ static double estimate(const struct sampled_light *e, struct pell_vec3 near, dou
     d2 = dvec3_dot(d, d);
     cosine = d2 > 0.0 ? dvec3_dot(d, dvec3_widen(source->direction)) / sqrt(d2) : 0.0;
     if (e->area > 0.0)
-        return e->power * partly(fmax(cosine, 0.0)) / (fmax(d2, soft2) + e->area);
-    return e->power * source->scale / fmax(d2, soft2) * partly((double) pell_light_window((float) fmin(d2, 1e30), source->inv_range)) *
-           (source->type == PELL_LIGHT_SPOT ? partly((double) pell_light_cone((float) cosine, source->spot_scale, source->spot_offset))
+        return e->power * with_floor(fmax(cosine, 0.0)) / (fmax(d2, min_distance2) + e->area);
+    return e->power * source->scale / fmax(d2, min_distance2) *
+           with_floor((double) pell_light_window((float) fmin(d2, 1e30), source->inv_range)) *
+           (source->type == PELL_LIGHT_SPOT ? with_floor((double) pell_light_cone((float) cosine, source->spot_scale, source->spot_offset))
                                             : 1.0);
 }
 
-static double estimate_all(const struct pell_light_sampler *e, struct pell_vec3 near, double soft2)
+static double estimate_all(const struct pell_light_sampler *e, struct pell_vec3 near, double min_distance2)
 {
     double sum = 0.0;
 
     for (size_t i = 0; i < e->count; i++)
-        sum += estimate(&e->list[i], near, soft2);
+        sum += estimate(&e->list[i], near, min_distance2);
     return sum;
 }
 
-static double chance_of(const struct pell_light_sampler *e, size_t source, struct pell_vec3 near, double soft2, double all)
+static double selection_probability(const struct pell_light_sampler *e, size_t source, struct pell_vec3 near, double min_distance2,
+                                    double sum)
 {
-    const double alike = 1.0 / (double) e->count;
-    return all > 0.0 && all < INFINITY ? UNIFORM_FRACTION * alike + (1.0 - UNIFORM_FRACTION) * estimate(&e->list[source], near, soft2) / all
-                                       : alike;
+    const double uniform = 1.0 / (double) e->count;
+    return sum > 0.0 && sum < INFINITY
+               ? UNIFORM_FRACTION * uniform + (1.0 - UNIFORM_FRACTION) * estimate(&e->list[source], near, min_distance2) / sum
+               : uniform;
 }
 
 /* Chooses a light by *u, and replaces *u by a new uniform number. */
-static size_t choose(const struct pell_light_sampler *e, struct pell_vec3 near, double soft2, double *u, double *chance)
+static size_t choose(const struct pell_light_sampler *e, struct pell_vec3 near, double min_distance2, double *u, double *probability)
 {
-    const double all = e->count > 1 ? estimate_all(e, near, soft2) : 0.0;
+    const double sum = e->count > 1 ? estimate_all(e, near, min_distance2) : 0.0;
     size_t i = 0;
 
     for (;; i++) {
-        *chance = chance_of(e, i, near, soft2, all);
-        if (*u < *chance || i + 1 == e->count)
+        *probability = selection_probability(e, i, near, min_distance2, sum);
+        if (*u < *probability || i + 1 == e->count)
             break;
-        *u -= *chance;
+        *u -= *probability;
     }
-    *u = fmin(*u / *chance, 1.0 - 1e-16);
+    *u = fmin(*u / *probability, 1.0 - 1e-16);
     return i;
 }
 
-static double chance(const struct pell_light_sampler *e, int source, struct pell_vec3 near, double soft2)
+static double choice_probability(const struct pell_light_sampler *e, int source, struct pell_vec3 near, double min_distance2)
 {
-    return e->count > 1 ? chance_of(e, (size_t) source, near, soft2, estimate_all(e, near, soft2)) : 1.0;
+    return e->count > 1 ? selection_probability(e, (size_t) source, near, min_distance2, estimate_all(e, near, min_distance2)) : 1.0;
 }
 
 /* --- Sampling ------------------------------------------------------------------------------------------------------------------- */
@@ -236,15 +239,15 @@ static void sample_point_on(const struct pell_light_sampler *e, size_t index, do
 bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const double u[3],
                                struct pell_light_sample *out)
 {
-    double choice = u[0], chance;
+    double choice = u[0], probability;
     size_t i;
 
     memset(out, 0, sizeof(*out));
     if (light_sampler->count == 0)
         return false;
-    i = choose(light_sampler, near, light_sampler->soft2, &choice, &chance);
+    i = choose(light_sampler, near, light_sampler->min_distance2, &choice, &probability);
     sample_point_on(light_sampler, i, choice, u[1], u[2], out);
-    out->pdf *= chance;
+    out->pdf *= probability;
     return out->pdf > 0.0;
 }
 
@@ -257,7 +260,7 @@ static double point_pdf(const struct pell_light_sampler *e, const struct pell_li
 
 double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const struct pell_light_sample *sample)
 {
-    return chance(light_sampler, sample->source, near, light_sampler->soft2) * point_pdf(light_sampler, sample);
+    return choice_probability(light_sampler, sample->source, near, light_sampler->min_distance2) * point_pdf(light_sampler, sample);
 }
 
 /* Emission along a unit direction, without range attenuation. */
@@ -313,7 +316,7 @@ double pell_light_sampler_range(const struct pell_light_sampler *light_sampler, 
 /* --- Rays that hit lights -------------------------------------------------------------------------------------------------------- */
 
 /* Distance along the ray to the front of a rect or disc; INFINITY: none up to `reach`. */
-static double meets(const struct sampled_light *l, struct pell_vec3 x, struct pell_vec3 w, double reach)
+static double intersect(const struct sampled_light *l, struct pell_vec3 x, struct pell_vec3 w, double reach)
 {
     const struct pell_dvec3 n = dvec3_widen(l->source.direction), right = dvec3_widen(l->source.right), up = dvec3_widen(l->source.up),
                             d = dvec3_between(x, l->source.position);
@@ -340,7 +343,7 @@ bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, stru
     for (; k >= 0; k--) { /* the k-th by (distance, index) */
         nearest = INFINITY;
         for (size_t i = 0; i < light_sampler->count; i++) {
-            const double t = list[i].area > 0.0 ? meets(&list[i], x, w, reach) : INFINITY;
+            const double t = list[i].area > 0.0 ? intersect(&list[i], x, w, reach) : INFINITY;
             if (t < nearest && (t > last || (t == last && i > last_at))) {
                 nearest = t;
                 at = i;
@@ -374,45 +377,45 @@ bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, stru
 /* --- Emission ------------------------------------------------------------------------------------------------------------------- */
 
 /* Directions from a light: the sphere, a cone, or cosine-weighted around the normal. */
-struct grid {
+struct cone {
     struct pell_dvec3 axis;
-    double versed; /* 1 - cosine of the cone's angle; 2: all directions */
+    double versine; /* 1 - cosine of the cone's angle; 2: all directions */
     bool cosine;
 };
 
-static struct grid grid_of(const struct sampled_light *l, struct pell_vec3 centre, double radius, struct pell_vec3 at)
+static struct cone make_cone(const struct sampled_light *l, struct pell_vec3 centre, double radius, struct pell_vec3 at)
 {
     const struct pell_dvec3 d = dvec3_between(centre, at);
     const double d2 = dvec3_dot(d, d), r2 = radius * radius;
-    struct grid grid = { dvec3_widen(l->source.direction), 2.0, false };
+    struct cone cone = { dvec3_widen(l->source.direction), 2.0, false };
 
     if (d2 > r2 * (1.0 + 1e-9)) {
         const double length = sqrt(d2);
-        grid.axis = (struct pell_dvec3) { d.x / length, d.y / length, d.z / length };
-        grid.versed = r2 / d2 / (1.0 + sqrt(1.0 - r2 / d2));
+        cone.axis = (struct pell_dvec3) { d.x / length, d.y / length, d.z / length };
+        cone.versine = r2 / d2 / (1.0 + sqrt(1.0 - r2 / d2));
     }
-    if (l->area > 0.0 && grid.versed > 0.5) {
-        grid.axis = dvec3_widen(l->source.direction);
-        grid.cosine = true;
+    if (l->area > 0.0 && cone.versine > 0.5) {
+        cone.axis = dvec3_widen(l->source.direction);
+        cone.cosine = true;
     }
     if (l->source.type == PELL_LIGHT_SPOT) {
         const double own = 1.0 + (double) l->source.spot_offset / (double) l->source.spot_scale; /* 1 - cos_outer */
-        if (own < grid.versed) {
-            grid.axis = dvec3_widen(l->source.direction);
-            grid.versed = own;
+        if (own < cone.versine) {
+            cone.axis = dvec3_widen(l->source.direction);
+            cone.versine = own;
         }
     }
-    return grid;
+    return cone;
 }
 
-static struct pell_vec3 grid_sample(const struct grid *grid, double u, double v)
+static struct pell_vec3 sample_cone(const struct cone *cone, double u, double v)
 {
-    const double versed = grid->cosine ? 1.0 - sqrt(1.0 - u) : u * grid->versed, c = 1.0 - versed,
-                 s = sqrt(fmax(0.0, versed * (2.0 - versed)));
+    const double versine = cone->cosine ? 1.0 - sqrt(1.0 - u) : u * cone->versine, c = 1.0 - versine,
+                 s = sqrt(fmax(0.0, versine * (2.0 - versine)));
     struct pell_vec3 t, b;
 
-    vec3_basis(dvec3_narrow(grid->axis), &t, &b);
-    return dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_mul(grid->axis, c), s * cos(2.0 * PELL_PI * v), dvec3_widen(t)),
+    vec3_basis(dvec3_narrow(cone->axis), &t, &b);
+    return dvec3_narrow(dvec3_mad(dvec3_mad(dvec3_mul(cone->axis, c), s * cos(2.0 * PELL_PI * v), dvec3_widen(t)),
                                   s * sin(2.0 * PELL_PI * v), dvec3_widen(b)));
 }
 
@@ -421,22 +424,22 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
 {
     struct pell_light_sample *sample = &out->sample;
     const struct sampled_light *l;
-    double choice = u[0], fraction;
+    double choice = u[0], probability;
     float power[3];
     size_t i;
 
     if (light_sampler->count == 0 || !(radius > 0.0 && radius < INFINITY))
         return false;
-    i = choose(light_sampler, centre, radius * radius, &choice, &fraction);
+    i = choose(light_sampler, centre, radius * radius, &choice, &probability);
     l = &light_sampler->list[i];
     sample_point_on(light_sampler, i, choice, u[1], u[2], sample);
     out->pdf = sample->pdf;
-    sample->pdf *= fraction;
+    sample->pdf *= probability;
     if (sample->distant) {
         const double r = radius * sqrt(u[3]);
-        const struct pell_dvec3 off = { centre.x - light_sampler->middle[0], centre.y - light_sampler->middle[1],
-                                        centre.z - light_sampler->middle[2] };
-        const double back = radius + light_sampler->reach + sqrt(dvec3_dot(off, off));
+        const struct pell_dvec3 off = { centre.x - light_sampler->centre[0], centre.y - light_sampler->centre[1],
+                                        centre.z - light_sampler->centre[2] };
+        const double back = radius + light_sampler->radius + sqrt(dvec3_dot(off, off));
         struct pell_vec3 t, b;
         vec3_basis(sample->toward, &t, &b);
         out->direction = vec3_mul(sample->toward, -1.0f);
@@ -445,13 +448,13 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
             dvec3_narrow(dvec3_mad(dvec3_mad(aside, r * sin(2.0 * PELL_PI * u[4]), dvec3_widen(b)), back, dvec3_widen(sample->toward)));
         out->pdf /= PELL_PI * radius * radius;
     } else {
-        const struct grid grid = grid_of(l, centre, radius, sample->at);
-        out->direction = grid_sample(&grid, u[3], u[4]);
+        const struct cone cone = make_cone(l, centre, radius, sample->at);
+        out->direction = sample_cone(&cone, u[3], u[4]);
         out->origin = sample->at;
         out->pdf *=
-            grid.cosine ? fmax(dvec3_dot(grid.axis, dvec3_widen(out->direction)), 0.0) / PELL_PI : 1.0 / (2.0 * PELL_PI * grid.versed);
+            cone.cosine ? fmax(dvec3_dot(cone.axis, dvec3_widen(out->direction)), 0.0) / PELL_PI : 1.0 / (2.0 * PELL_PI * cone.versine);
     }
-    out->pdf *= fraction;
+    out->pdf *= probability;
     power_along(light_sampler, sample, out->direction, out->origin, power);
     for (int c = 0; c < 3; c++)
         out->weight[c] = (double) power[c] * (l->area > 0.0 ? (double) vec3_dot(sample->normal, out->direction) : 1.0) / out->pdf;

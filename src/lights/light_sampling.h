@@ -9,7 +9,7 @@
  *     environment    radiance     W/(m^2 sr); all environments of a scene are one light, the sum
  * Projected images, cones and ranges are included. Lights do not occlude anything, including each other, as in the irradiance stage.
  *
- * Threads    a set is constant after create.
+ * Threads    a sampler is constant after create.
  */
 #ifndef PELL_LIGHT_SAMPLING_H
 #define PELL_LIGHT_SAMPLING_H
@@ -20,7 +20,7 @@
 
 struct pell_light_sampler;
 
-/* The scene must outlive the set. A scene without lights makes an empty set. */
+/* The scene must outlive the sampler. A scene without lights makes an empty one. */
 PELL_NODISCARD enum pell_result pell_light_sampler_create(struct pell_context *ctx, const struct pell_scene *scene,
                                                           struct pell_light_sampler **out);
 void pell_light_sampler_destroy(struct pell_light_sampler **light_sampler);

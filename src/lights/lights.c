@@ -231,14 +231,14 @@ static void share_turns(struct pell_light_source *sources, size_t count, int msa
     }
 }
 
-static enum pell_result add_environment(struct pell_lights *lights, int number, const struct pell_light *light,
+static enum pell_result add_environment(struct pell_lights *lights, int light_index, const struct pell_light *light,
                                         const struct pell_environment_params *params)
 {
     struct pell_environment *env = &lights->environments[lights->num_environments++]; /* counted first, for release after a failure */
     struct pell_environment_lights brightest;
     enum pell_result res;
 
-    env->light = number;
+    env->light = light_index;
     res = pell_environment_create(lights->ctx, light, params, env, &brightest);
     if (res == PELL_OK)
         share_turns(brightest.sources, brightest.count, params->msaa);
@@ -248,7 +248,7 @@ static enum pell_result add_environment(struct pell_lights *lights, int number, 
     return res;
 }
 
-/* Indices below n; with these and a position on the curve the 32 bits are full. */
+/* Bits of an index below n: at most as many as a position on the curve (PELL_CURVE_LEVELS) leaves of 32. */
 static int bits_of(int n)
 {
     int bits = 0;

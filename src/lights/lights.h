@@ -99,7 +99,7 @@ struct pell_environment_lights {
 };
 
 struct pell_environment_params {
-    int index;      /* index of the environment in the scene */
+    int index;      /* index of the environment among the environments */
     int max_lights; /* maximum number of light sources for its brightest parts */
     int msaa;
     const struct pell_specular_tables *tables;
@@ -107,7 +107,7 @@ struct pell_environment_params {
 };
 
 /* Resolves a light of the scene (an environment) into `env` and light sources. `env` is zeroed; call its finish function, and free
- * out->lights, even after a failure. */
+ * out->sources, even after a failure. */
 PELL_NODISCARD enum pell_result pell_environment_create(struct pell_context *ctx, const struct pell_light *light,
                                                         const struct pell_environment_params *params, struct pell_environment *env,
                                                         struct pell_environment_lights *out);
@@ -137,7 +137,7 @@ enum { PELL_ENV_HEAD = 4, PELL_ENV_ROW = 48 };
 size_t pell_lights_environment_words(const struct pell_lights *lights, uint32_t *out);
 
 /* For lookups only: sets image, power and rotation of a zeroed `env`, which then needs no finish. */
-void pell_environment_aim(struct pell_environment *env, const struct pell_light *light);
+void pell_environment_init(struct pell_environment *env, const struct pell_light *light);
 /* Image coordinates of a unit direction, and the inverse: u = 1/2 at the centre, growing to the right; v = 0 at the top. */
 void pell_environment_uv(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v);
 struct pell_vec3 pell_environment_direction(const struct pell_environment *env, double u, double v);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * specular_tables.c - see specular.h. */
+ * specular_tables.c - see specular_tables.h. */
 #include "lights/specular_tables.h"
 
 #include <string.h>

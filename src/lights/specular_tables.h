@@ -3,8 +3,8 @@
  * specular_tables.h - the tables of src/optics/medium/specular.h for a scene's materials, shared between materials with the same lobe or
  * the same index of refraction.
  */
-#ifndef PELL_SCENE_SPECULAR_H
-#define PELL_SCENE_SPECULAR_H
+#ifndef PELL_SPECULAR_TABLES_H
+#define PELL_SPECULAR_TABLES_H
 
 #include "base/base.h"
 #include "optics/medium/specular.h"
