@@ -61,7 +61,7 @@ size_t pell_fft_table(int n)
     return size;
 }
 
-static void root(double k, double n, float *out)
+static void root_of_unity(double k, double n, float *out)
 {
     const double angle = -2.0 * 3.14159265358979323846 * k / n;
     out[0] = (float) cos(angle);
@@ -82,10 +82,10 @@ void pell_fft_init(struct pell_fft *plan, int n, float *table)
     for (int i = 0; i < plan->num_stages; i++) {
         const int r = plan->radix[i], m = left / r;
         for (int j = 0; j < r && !is_fast(r); j++, table += 2)
-            root(j, r, table);
+            root_of_unity(j, r, table);
         for (int p = 0; p < m; p++)
             for (int k = 1; k < r; k++, table += 2)
-                root((double) ((int64_t) p * k % left), left, table);
+                root_of_unity((double) ((int64_t) p * k % left), left, table);
         left = m;
     }
 }
@@ -154,7 +154,7 @@ void pell_fft_rows(const struct pell_fft *plan, const struct pell_fft_rows *r, f
     z = pell_fft_run(plan, false, buffer[0], buffer[1]);
     for (int k = 0, at = 0; k < half; k += PELL_FFT_LANES, at++) {
         const int count = half - k < PELL_FFT_LANES ? half - k : PELL_FFT_LANES;
-        _Alignas(64) float tiles[4][256], turned[256];
+        _Alignas(64) float tiles[4][256], transposed[256];
         if (count < PELL_FFT_LANES)
             memset(tiles, 0, sizeof(tiles));
         plan->kernels->part(z, n, k, count, tiles[0]);
@@ -167,9 +167,9 @@ void pell_fft_rows(const struct pell_fft *plan, const struct pell_fft_rows *r, f
                 plan->kernels->transpose(tiles[i], PELL_FFT_LANES, to, PELL_FFT_ELEMENT);
                 continue;
             }
-            plan->kernels->transpose(tiles[i], PELL_FFT_LANES, turned, PELL_FFT_LANES);
+            plan->kernels->transpose(tiles[i], PELL_FFT_LANES, transposed, PELL_FFT_LANES);
             for (int y = 0; y < rows; y++)
-                memcpy(to + y * PELL_FFT_ELEMENT, turned + y * PELL_FFT_LANES, PELL_FFT_LANES * sizeof(float));
+                memcpy(to + y * PELL_FFT_ELEMENT, transposed + y * PELL_FFT_LANES, PELL_FFT_LANES * sizeof(float));
         }
     }
 }
@@ -205,15 +205,15 @@ void pell_fft_rows_back(const struct pell_fft *plan, const struct pell_fft_rows 
         for (int i = 0; i < 2; i++) {
             float *to = r->image[i];
             const float *from = z + (ptrdiff_t) x * PELL_FFT_ELEMENT + i * PELL_FFT_LANES;
-            _Alignas(64) float turned[256];
+            _Alignas(64) float transposed[256];
             if (!to)
                 continue;
             if (rows == PELL_FFT_LANES) {
                 plan->kernels->transpose(from, PELL_FFT_ELEMENT, to + x, r->stride);
                 continue;
             }
-            plan->kernels->transpose(from, PELL_FFT_ELEMENT, turned, PELL_FFT_LANES);
+            plan->kernels->transpose(from, PELL_FFT_ELEMENT, transposed, PELL_FFT_LANES);
             for (int y = 0; y < rows; y++)
-                memcpy(to + y * r->stride + x, turned + y * PELL_FFT_LANES, PELL_FFT_LANES * sizeof(float));
+                memcpy(to + y * r->stride + x, transposed + y * PELL_FFT_LANES, PELL_FFT_LANES * sizeof(float));
         }
 }

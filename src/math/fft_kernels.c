@@ -53,7 +53,7 @@ INLINE struct cx sub_i(struct cx a, struct cx b)
     return (struct cx) { a.re + b.im, a.im - b.re };
 }
 
-INLINE struct cx turn(struct cx a, const float *w)
+INLINE struct cx rotate(struct cx a, const float *w)
 {
     const float c = w[0], s = w[1];
     return (struct cx) { a.re * c - a.im * s, a.re * s + a.im * c };
@@ -132,7 +132,7 @@ INLINE void dft8(struct cx *x)
                     dft##R(v);                                                                                                             \
                     put(to + l, swap, v[0]);                                                                                               \
                     _Pragma("GCC unroll 8") for (int k = 1; k < (R); k++)                                                                  \
-                        put(to + k * near + l, swap, m > 1 ? turn(v[k], w + 2 * (k - 1)) : v[k]);                                          \
+                        put(to + k * near + l, swap, m > 1 ? rotate(v[k], w + 2 * (k - 1)) : v[k]);                                        \
                 }                                                                                                                          \
         }                                                                                                                                  \
     }
@@ -151,10 +151,10 @@ static void any_stage(int r, int m, int s, const float *w, const float *roots, c
                 for (int l = 0; l < LANES; l += WIDTH) {
                     struct cx sum = get(x + (ptrdiff_t) ELEMENT * (q + (ptrdiff_t) s * p) + l, swap);
                     for (int j = 1; j < r; j++)
-                        sum = add(sum, turn(get(x + (ptrdiff_t) ELEMENT * (q + (ptrdiff_t) s * (p + (ptrdiff_t) m * j)) + l, swap),
-                                            roots + 2 * ((long long) j * k % r)));
+                        sum = add(sum, rotate(get(x + (ptrdiff_t) ELEMENT * (q + (ptrdiff_t) s * (p + (ptrdiff_t) m * j)) + l, swap),
+                                              roots + 2 * ((long long) j * k % r)));
                     put(y + (ptrdiff_t) ELEMENT * (q + (ptrdiff_t) s * ((ptrdiff_t) r * p + k)) + l, swap,
-                        k > 0 ? turn(sum, w + 2 * (k - 1)) : sum);
+                        k > 0 ? rotate(sum, w + 2 * (k - 1)) : sum);
                 }
 }
 

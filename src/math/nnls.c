@@ -118,23 +118,23 @@ static unsigned start(const struct pell_nnls *p, double *w)
 /* The weight held at 0 whose increase lowers the objective fastest, relative to its column; -1 if none does. */
 static int entering(const struct pell_nnls *p, unsigned mask, unsigned barred, const double *w)
 {
-    double residual[PELL_NNLS_MAX], level = 0.0, steepest = 0.0;
-    int at = -1, members = 0;
+    double residual[PELL_NNLS_MAX], multiplier = 0.0, steepest = 0.0;
+    int at = -1, num_free = 0;
     const double size = sqrt(dot(p->rhs, p->rhs, p->count));
 
     objective(p, w, residual);
     if (p->fixed_sum) {
         for (int j = 0; j < p->count; j++)
             if (mask >> j & 1u) {
-                level += dot(p->column[j], residual, p->count);
-                members++;
+                multiplier += dot(p->column[j], residual, p->count);
+                num_free++;
             }
-        level /= members ? members : 1;
+        multiplier /= num_free ? num_free : 1;
     }
     for (int j = 0; j < p->count; j++) {
         if ((mask | barred) >> j & 1u)
             continue;
-        const double slope = dot(p->column[j], residual, p->count) - level;
+        const double slope = dot(p->column[j], residual, p->count) - multiplier;
         const double scale = size * sqrt(dot(p->column[j], p->column[j], p->count));
         if (slope < -1e-13 * scale && slope / scale < steepest) {
             steepest = slope / scale;

@@ -14,7 +14,7 @@ typedef double (*pell_integrand)(double x, const void *arg);
  * max(tol_abs, tol_rel |integral|) or 200 intervals are in use. End points are never evaluated. `error` may be NULL. */
 double pell_integrate(pell_integrand f, const void *arg, double a, double b, double tol_abs, double tol_rel, double *error);
 
-/* Nodes (rising) and weights of Gauss and Legendre's rule on [0, 1], exact for polynomials of degree 2 count - 1; count in [1, 64]. */
+/* Nodes (rising) and weights of the Gauss-Legendre rule on [0, 1], exact for polynomials of degree 2 count - 1; count in [1, 64]. */
 void pell_gauss_legendre(int count, double *x, double *w);
 
 #endif
