@@ -271,7 +271,7 @@ static void small_solids_count_as_bent_like_larger_ones(void **state)
     REQUIRE(pell_opposed_make(&m, &o));
     for (float facing = 0.9f; facing > -1.0f; facing -= 0.2f) {
         struct pell_opposed_pair pair = { .distance2 = 0.01f, .from = -0.02f, .to = 0.03f, .facing = facing };
-        pair.curvature = 1.0f / (PELL_OPPOSED_NEAREST * (o.beyond[0] + o.depth[0]));
+        pair.curvature = 1.0f / (PELL_OPPOSED_MIN_RADIUS * (o.beyond[0] + o.depth[0]));
         pell_opposed_split(&o, &pair, least);
         pair.curvature = 2.0f;
         pell_opposed_split(&o, &pair, through);

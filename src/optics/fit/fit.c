@@ -63,19 +63,19 @@ static bool params_valid(const struct pell_fit_params *params)
 }
 
 /* A free fit may lose light, but not create any: its weights at these variances sum to 1 at most. */
-static void keep_energy(struct pell_fit_work *w, struct pell_fit_target *t, const double *total, const struct pell_fit_point *best)
+static void limit_energy(struct pell_fit_work *w, struct pell_fit_target *t, const double *total, const struct pell_fit_point *best)
 {
     if (!t->free_energy)
         return;
     for (int c = 0; c < t->channels; c++)
-        t->most[c] = 1.0 / total[c];
+        t->max_total[c] = 1.0 / total[c];
     w->ready = false;
     pell_fit_project(w, best->x);
 }
 
 /* Writes the result in `w`; channel c of the target is channel order[c], whose weights sum to total[c] unless they are free. */
-static void deliver(const struct pell_fit_work *w, const int *order, const double *total, struct pell_gaussians *out,
-                    struct pell_fit_report *report)
+static void write_result(const struct pell_fit_work *w, const int *order, const double *total, struct pell_gaussians *out,
+                         struct pell_fit_report *report)
 {
     const struct pell_fit_target *t = w->t;
 
@@ -109,8 +109,8 @@ static void fit_dipoles(const struct pell_dipole *dipoles, int channels, const i
         pell_fit_finish(&w, params->count, &best);
     else
         pell_fit_search(&w, params->count, &best);
-    keep_energy(&w, &t, total, &best);
-    deliver(&w, order, total, out, report);
+    limit_energy(&w, &t, total, &best);
+    write_result(&w, order, total, out, report);
 }
 
 static enum pell_result fit_dipole(const struct pell_dipole *dipole, const struct pell_fit_params *params, bool table,
@@ -181,15 +181,15 @@ enum pell_result pell_fit_medium(const struct pell_medium *medium, const struct 
 /* --- Any profile --------------------------------------------------------------------------------------------------------------- */
 
 /* A canonical order of profiles, independent of their positions. */
-static bool before(const struct pell_profile *a, const struct pell_profile *b)
+static bool precedes(const struct pell_profile *a, const struct pell_profile *b)
 {
-    const double middle_a = pell_profile_sample(a, 0.5), middle_b = pell_profile_sample(b, 0.5);
+    const double median_a = pell_profile_sample(a, 0.5), median_b = pell_profile_sample(b, 0.5);
 
-    if (middle_a != middle_b)
-        return middle_a < middle_b;
+    if (median_a != median_b)
+        return median_a < median_b;
     if (a->total != b->total)
         return a->total < b->total;
-    for (double r = 0.125 * middle_a; r < 100.0 * middle_a; r *= 1.5) {
+    for (double r = 0.125 * median_a; r < 100.0 * median_a; r *= 1.5) {
         const double value_a = pell_profile_eval(a, r), value_b = pell_profile_eval(b, r);
         if (value_a != value_b)
             return value_a < value_b;
@@ -224,8 +224,8 @@ static enum pell_result search_profiles(const struct pell_profile *const *live, 
         total[c] = pell_profile_total(live[c]);
     pell_fit_begin(&w, &t);
     pell_fit_search(&w, params->count, &best);
-    keep_energy(&w, &t, total, &best);
-    deliver(&w, order, total, out, report);
+    limit_energy(&w, &t, total, &best);
+    write_result(&w, order, total, out, report);
     return PELL_OK;
 }
 
@@ -236,7 +236,7 @@ static enum pell_result fit_profiles(const struct pell_profile *profiles, int ch
     struct pell_fit_report own = { 0 };
     struct pell_dipole dipoles[3] = { { 0 } };
     enum pell_result res = PELL_OK;
-    int order[3], count = 0, same;
+    int order[3], count = 0, num_dipoles;
 
     memset(out, 0, sizeof(*out));
     if (report)
@@ -246,13 +246,15 @@ static enum pell_result fit_profiles(const struct pell_profile *profiles, int ch
     for (int c = 0; c < channels; c++)
         if (!(pell_profile_total(&profiles[c]) >= 0.0) || !isfinite(pell_profile_total(&profiles[c])))
             return PELL_ERR_INVALID;
-    for (same = 0; same < channels && (profiles[same].total == 0.0 || dipole_of(&profiles[same], &dipoles[same])); same++)
+    for (num_dipoles = 0;
+         num_dipoles < channels && (profiles[num_dipoles].total == 0.0 || dipole_of(&profiles[num_dipoles], &dipoles[num_dipoles]));
+         num_dipoles++)
         ;
     for (int c = 0; c < channels; c++) {
         int at = count;
-        if (same == channels || !(pell_profile_total(&profiles[c]) > 0.0))
+        if (num_dipoles == channels || !(pell_profile_total(&profiles[c]) > 0.0))
             continue;
-        for (; at > 0 && before(&profiles[c], live[at - 1]); at--) {
+        for (; at > 0 && precedes(&profiles[c], live[at - 1]); at--) {
             live[at] = live[at - 1];
             order[at] = order[at - 1];
         }
@@ -260,7 +262,7 @@ static enum pell_result fit_profiles(const struct pell_profile *profiles, int ch
         order[at] = c;
         count++;
     }
-    if (same == channels) /* closed forms, and a table of starts */
+    if (num_dipoles == channels) /* closed forms, and a table of starts */
         fit_dipole_channels(dipoles, params, out, &own);
     else
         res = search_profiles(live, count, order, params, out, &own);

@@ -28,7 +28,7 @@ struct pell_fit_target {
     double root[FIT_NODES];   /* square root of the node's weight r dr */
     double rhs[3][FIT_NODES]; /* root * R / norm */
     double total[3], norm[3]; /* in the unit, the norm being sqrt(Int r R^2 dr) */
-    double most[3];           /* > 0: bound on the sum of free weights, as a multiple of the total; 0: none */
+    double max_total[3];      /* > 0: bound on the sum of free weights, as a multiple of the total; 0: none */
 };
 
 /* Dipoles with albedo > 0, scaled to albedo 1: errors don't depend on it. r_max_mm as in struct pell_fit_params. */

@@ -23,7 +23,7 @@ static bool pole_valid(double z, double sigma_tr)
 
 /* --- Appendix A ---------------------------------------------------------------------------------------------------------------- */
 
-static const double spread[4] = { 0.2304, 0.7225, 2.6569, 13.6 }; /* variances over z^2/(1 + x) */
+static const double appendix_variance[4] = { 0.2304, 0.7225, 2.6569, 13.6 }; /* variances over z^2/(1 + x) */
 
 /* The printed weights, of sum about 1; (1 - exp(-a x))/x is exact at 0. */
 static void weights_printed(double x, double u[4])
@@ -41,14 +41,14 @@ static void weights_printed(double x, double u[4])
         u[i] /= 2.0 * PELL_PI;
 }
 
-/* Solves M u = rhs for M_ij = 1/(spread_i + spread_j), which is positive definite, by Cholesky's factors. */
+/* Solves M u = rhs for M_ij = 1/(v_i + v_j) of the variances, which is positive definite, by Cholesky's factors. */
 static void solve(double u[4])
 {
     double l[4][4];
 
     for (int i = 0; i < 4; i++)
         for (int j = 0; j <= i; j++) {
-            double s = 1.0 / (spread[i] + spread[j]);
+            double s = 1.0 / (appendix_variance[i] + appendix_variance[j]);
             for (int k = 0; k < j; k++)
                 s -= l[i][k] * l[j][k];
             l[i][j] = i == j ? sqrt(s) : s / l[j][j];
@@ -70,8 +70,8 @@ static void solve(double u[4])
 static void weights_best(double x, bool energy, double u[4])
 {
     for (int i = 0; i < 4; i++) {
-        const double v = spread[i] / (1.0 + x);
-        u[i] = (1.0 - sqrt(0.5 * PELL_PI / v) * pell_erfcx((v * x + 1.0) / sqrt(2.0 * v))) / spread[i];
+        const double v = appendix_variance[i] / (1.0 + x);
+        u[i] = (1.0 - sqrt(0.5 * PELL_PI / v) * pell_erfcx((v * x + 1.0) / sqrt(2.0 * v))) / appendix_variance[i];
     }
     solve(u);
     if (energy) {
@@ -97,7 +97,7 @@ enum pell_result pell_pole_appendix_a(double z_mm, double sigma_tr, enum pell_ap
     else
         weights_best(x, constants == PELL_APPENDIX_A_BEST_ENERGY, weight);
     for (int i = 0; i < 4; i++) {
-        variance_mm2[i] = spread[i] * z_mm * z_mm / (1.0 + x);
+        variance_mm2[i] = appendix_variance[i] * z_mm * z_mm / (1.0 + x);
         weight[i] *= copysign(0.5, z_mm) * exp(-x);
     }
     return PELL_OK;
@@ -128,7 +128,7 @@ enum pell_result pell_dipole_appendix_a(const struct pell_dipole *dipole, enum p
 /* End points of a trapezoidal sum in log v with that step. Its error is about exp(-pi^2/step), as everything is analytic for |Im log v| <
  * pi/2; the truncation error is about exp(-(x v - 1)^2/(2 v)) and, without absorption, v^-1. The constants that balance the three were
  * measured for x from 0 to 100 and 2 to 64 nodes. */
-static void ends(double x, double step, double *low, double *high)
+static void integration_range(double x, double step, double *low, double *high)
 {
     const double level = PELL_PI * PELL_PI / step, far = fmax(0.5, 0.88 * level - 2.3);
     const double below = fmax(0.7, 0.8 * (level - 4.6 - 3.0 * log1p(x))), above = 0.65 * below;
@@ -151,14 +151,14 @@ enum pell_result pell_pole_gaussians(double z_mm, double sigma_tr, double *varia
     }
     for (int i = 0; i < 60; i++) { /* the range shrinks as the step grows */
         const double step = sqrt(narrow * wide);
-        ends(x, step, &low, &high);
+        integration_range(x, step, &low, &high);
         if (high - low < step * (double) (count - 1))
             wide = step;
         else
             narrow = step;
     }
     const double step = sqrt(narrow * wide);
-    ends(x, step, &low, &high);
+    integration_range(x, step, &low, &high);
     for (size_t i = 0; i < count; i++) {
         const double v = exp(low + step * (double) i), off = x * v - 1.0;
         variance[i] = v * z_mm * z_mm;

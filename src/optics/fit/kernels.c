@@ -19,7 +19,7 @@ static double dot(const double *a, const double *b, int n)
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
 }
 
-static void take(double c, const double *a, double *restrict to, int n)
+static void subtract(double c, const double *a, double *restrict to, int n)
 {
     for (int i = 0; i < n; i++)
         to[i] -= c * a[i];
@@ -37,4 +37,4 @@ static void gaussian(const double *r2, const double *root, double v, double *res
 
 extern const struct pell_fit_kernels PELL_SIMD(pell_fit_kernels);
 
-const struct pell_fit_kernels PELL_SIMD(pell_fit_kernels) = { dot, take, gaussian };
+const struct pell_fit_kernels PELL_SIMD(pell_fit_kernels) = { dot, subtract, gaussian };

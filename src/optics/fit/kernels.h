@@ -8,7 +8,7 @@ struct pell_fit_kernels {
     /* a . b */
     double (*dot)(const double *a, const double *b, int n);
     /* to -= c a */
-    void (*take)(double c, const double *a, double *restrict to, int n);
+    void (*subtract)(double c, const double *a, double *restrict to, int n);
     /* Gaussian of variance v at r2 = r^2 times root, and its derivative after log v. */
     void (*gaussian)(const double *r2, const double *root, double v, double *restrict value, double *restrict slope, int n);
 };

@@ -30,15 +30,15 @@ static void fill(struct pell_fit_work *w, int i)
 /* If free weights exceed the allowed total, solves again with the total fixed there: the cost is convex, so that is the optimum. */
 static void limit(struct pell_fit_work *w, int c, struct pell_nnls *p)
 {
-    const double sum = p->sum, most = p->sum * w->t->most[c];
-    double is = 0.0;
+    const double sum = p->sum, bound = p->sum * w->t->max_total[c];
+    double total = 0.0;
 
     for (int i = 0; i < w->count; i++)
-        is += w->best[c].w[i];
-    if (is <= most)
+        total += w->best[c].w[i];
+    if (total <= bound)
         return;
     p->fixed_sum = true;
-    p->sum = most;
+    p->sum = bound;
     pell_nnls_factor(p, &w->best[c]);
     pell_nnls_solve(p, &w->best[c]);
     p->fixed_sum = false;
@@ -66,7 +66,7 @@ void pell_fit_project(struct pell_fit_work *w, const double *x)
             for (int k = 0; k < i; k++) {
                 const double c = w->k->dot(w->q[k], w->q[i], n);
                 p.column[i][k] += c;
-                w->k->take(c, w->q[k], w->q[i], n);
+                w->k->subtract(c, w->q[k], w->q[i], n);
             }
         size = sqrt(w->k->dot(w->q[i], w->q[i], n));
         p.column[i][i] = size;
@@ -81,7 +81,7 @@ void pell_fit_project(struct pell_fit_work *w, const double *x)
             p.rhs[k] = w->k->dot(w->q[k], t->rhs[c], n);
         w->best[c] = all;
         pell_nnls_solve(&p, &w->best[c]);
-        if (t->most[c] > 0.0)
+        if (t->max_total[c] > 0.0)
             limit(w, c, &p);
         for (int k = 0; k < w->count; k++) {
             shift[k] = 0.0;
@@ -90,7 +90,7 @@ void pell_fit_project(struct pell_fit_work *w, const double *x)
         }
         memcpy(res, t->rhs[c], sizeof(*res) * (size_t) n);
         for (int k = 0; k < w->count; k++)
-            w->k->take(shift[k], w->q[k], res, n);
+            w->k->subtract(shift[k], w->q[k], res, n);
         w->cost += w->k->dot(res, res, n);
     }
 }
@@ -102,7 +102,7 @@ static void derivative(struct pell_fit_work *w, int c, int i, double *out)
     const int n = w->t->nodes, count = w->count;
     const struct pell_nnls_solution *s = &w->best[c];
     double z[FIT_COUNT_MAX], along[FIT_COUNT_MAX] = { 0 };
-    const double turn = w->k->dot(w->slope[i], w->residual[c], n);
+    const double slope_residual = w->k->dot(w->slope[i], w->residual[c], n);
 
     for (int k = 0; k < s->rank; k++) { /* R^T z = N^T e_i */
         z[k] = (s->free[k] == i ? 1.0 : 0.0) - (s->pivot == i ? 1.0 : 0.0);
@@ -111,14 +111,14 @@ static void derivative(struct pell_fit_work *w, int c, int i, double *out)
         z[k] /= s->r[k][k];
     }
     for (int k = 0; k < s->rank; k++) {
-        const double a = s->w[i] * w->k->dot(s->q[k], w->q_slope[i], count) - turn * z[k];
+        const double a = s->w[i] * w->k->dot(s->q[k], w->q_slope[i], count) - slope_residual * z[k];
         for (int j = 0; j < count; j++)
             along[j] += a * s->q[k][j];
     }
     for (int j = 0; j < n; j++)
         out[j] = -s->w[i] * w->slope[i][j];
     for (int k = 0; k < count; k++)
-        w->k->take(-along[k], w->q[k], out, n);
+        w->k->subtract(-along[k], w->q[k], out, n);
 }
 
 /* cminpack's callback: residuals (flag 1) or Jacobian by columns (flag 2). */
@@ -220,10 +220,10 @@ static void evaluate(struct pell_fit_work *w, const double *x, int first, const 
         w->best[c] = all;
         pell_nnls_solve(&p, &w->best[c]);
         for (int k = 0; k < count; k++) {
-            double off = p.rhs[k];
+            double rest = p.rhs[k];
             for (int i = k; i < count; i++)
-                off -= w->best[c].w[i] * p.column[i][k];
-            cost += off * off - p.rhs[k] * p.rhs[k];
+                rest -= w->best[c].w[i] * p.column[i][k];
+            cost += rest * rest - p.rhs[k] * p.rhs[k];
         }
         w->cost += fmax(cost, 0.0);
     }
@@ -233,43 +233,43 @@ static void evaluate(struct pell_fit_work *w, const double *x, int first, const 
 static void curvature(struct pell_fit_work *w, double gradient[FIT_COUNT_MAX], double matrix[FIT_COUNT_MAX][FIT_COUNT_MAX])
 {
     const int count = w->count;
-    double slopes[FIT_COUNT_MAX][FIT_COUNT_MAX], mixed[FIT_COUNT_MAX][FIT_COUNT_MAX], basis[FIT_COUNT_MAX][FIT_COUNT_MAX];
+    double slope_slope[FIT_COUNT_MAX][FIT_COUNT_MAX], value_slope[FIT_COUNT_MAX][FIT_COUNT_MAX], basis[FIT_COUNT_MAX][FIT_COUNT_MAX];
 
     for (int i = 0; i < count; i++) {
         gradient[i] = 0.0;
         for (int j = 0; j < count; j++) {
-            mixed[i][j] = inner(w, 1, i, j);
-            slopes[i][j] = j <= i ? inner(w, 2, i, j) : 0.0;
+            value_slope[i][j] = inner(w, 1, i, j);
+            slope_slope[i][j] = j <= i ? inner(w, 2, i, j) : 0.0;
             matrix[i][j] = 0.0;
         }
-        forward(w, mixed[i], basis[i]);
+        forward(w, value_slope[i], basis[i]);
     }
     for (int c = 0; c < w->t->channels; c++) {
         const struct pell_nnls_solution *s = &w->best[c];
-        double within[FIT_COUNT_MAX][FIT_COUNT_MAX], turned[FIT_COUNT_MAX][FIT_COUNT_MAX];
+        double slope_in_basis[FIT_COUNT_MAX][FIT_COUNT_MAX], weight_term[FIT_COUNT_MAX][FIT_COUNT_MAX];
         for (int i = 0; i < count; i++) {
-            double turn = w->with_slope[c][i];
+            double slope_residual = w->with_slope[c][i];
             for (int j = 0; j < count; j++)
-                turn -= s->w[j] * mixed[i][j];
-            gradient[i] -= s->w[i] * turn;
+                slope_residual -= s->w[j] * value_slope[i][j];
+            gradient[i] -= s->w[i] * slope_residual;
             for (int k = 0; k < s->rank; k++) {
                 double z = (s->free[k] == i ? 1.0 : 0.0) - (s->pivot == i ? 1.0 : 0.0);
                 for (int j = 0; j < k; j++)
-                    z -= s->r[j][k] * turned[i][j];
-                turned[i][k] = z / s->r[k][k];
-                within[i][k] = 0.0;
+                    z -= s->r[j][k] * weight_term[i][j];
+                weight_term[i][k] = z / s->r[k][k];
+                slope_in_basis[i][k] = 0.0;
                 for (int j = 0; j < count; j++)
-                    within[i][k] += s->q[k][j] * basis[i][j];
+                    slope_in_basis[i][k] += s->q[k][j] * basis[i][j];
             }
             for (int k = 0; k < s->rank; k++)
-                turned[i][k] *= turn;
+                weight_term[i][k] *= slope_residual;
             for (int j = 0; j <= i; j++) {
-                double product = slopes[i][j], turns = 0.0;
+                double product = slope_slope[i][j], weight_product = 0.0;
                 for (int k = 0; k < s->rank; k++) {
-                    product -= within[i][k] * within[j][k];
-                    turns += turned[i][k] * turned[j][k];
+                    product -= slope_in_basis[i][k] * slope_in_basis[j][k];
+                    weight_product += weight_term[i][k] * weight_term[j][k];
                 }
-                matrix[i][j] += s->w[i] * s->w[j] * product + turns;
+                matrix[i][j] += s->w[i] * s->w[j] * product + weight_product;
             }
         }
     }
@@ -345,7 +345,8 @@ static void sort(double *x, int n)
         }
 }
 
-static void at(struct pell_fit_work *w, struct pell_fit_point *p)
+/* Sorts the variances of a point and evaluates its cost. */
+static void evaluate_point(struct pell_fit_work *w, struct pell_fit_point *p)
 {
     sort(p->x, w->count);
     w->ready = false;
@@ -366,7 +367,7 @@ void pell_fit_descend(struct pell_fit_work *w, struct pell_fit_point *p, double 
     w->ready = false;
     __cminpack_func__(lmder)(w->rough ? rough_residuals : pell_fit_residuals, w, m, n, p->x, fvec, fjac, m, relative, 1e-12, 0.0,
                              evaluations, diag, 1, 1.0, 0, &nfev, &njev, ipvt, qtf, wa[0], wa[1], wa[2], wa4);
-    at(w, p);
+    evaluate_point(w, p);
 }
 
 /* Inserts `p` into a list of the best, sorted by cost; equal optima are kept once. */
@@ -374,10 +375,10 @@ static int keep(struct pell_fit_point *list, int count, int max, const struct pe
 {
     int at = count;
     for (int i = 0; i < count; i++) {
-        double apart = 0.0;
+        double distance = 0.0;
         for (int j = 0; j < dims; j++)
-            apart = fmax(apart, fabs(list[i].x[j] - p->x[j]));
-        if (apart < 1e-3) {
+            distance = fmax(distance, fabs(list[i].x[j] - p->x[j]));
+        if (distance < 1e-3) {
             if (p->cost < list[i].cost)
                 list[i] = *p;
             return count;
@@ -430,7 +431,7 @@ void pell_fit_finish(struct pell_fit_work *w, int count, struct pell_fit_point *
     pell_fit_descend(w, best, 1e-14, 200);
     if (w->rough) {
         w->rough = false;
-        at(w, best);
+        evaluate_point(w, best);
     }
 }
 

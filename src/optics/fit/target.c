@@ -80,22 +80,22 @@ static double rounded(double x)
 void pell_fit_target_dipoles(const struct pell_dipole *dipoles, int channels, const struct pell_fit_params *params,
                              struct pell_fit_target *t)
 {
-    struct pell_dipole own[3];
+    struct pell_dipole scaled[3];
     double inner = INFINITY, outer = 0.0;
 
     t->channels = channels;
     t->free_energy = params->free_energy;
-    memset(t->most, 0, sizeof(t->most));
+    memset(t->max_total, 0, sizeof(t->max_total));
     for (int c = 0; c < channels; c++)
         inner = fmin(inner, dipoles[c].zr);
     t->unit = inner;
     for (int c = 0; c < channels; c++) {
-        own[c] = dipoles[c];
-        own[c].albedo_reduced = 1.0;
-        own[c].zr = rounded(dipoles[c].zr / inner);
-        own[c].zv = rounded(dipoles[c].zv / inner);
-        own[c].sigma_tr = rounded(dipoles[c].sigma_tr * inner);
-        outer = fmax(outer, outer_radius(&own[c]));
+        scaled[c] = dipoles[c];
+        scaled[c].albedo_reduced = 1.0;
+        scaled[c].zr = rounded(dipoles[c].zr / inner);
+        scaled[c].zv = rounded(dipoles[c].zv / inner);
+        scaled[c].sigma_tr = rounded(dipoles[c].sigma_tr * inner);
+        outer = fmax(outer, outer_radius(&scaled[c]));
     }
     const double end = rounded(params->r_max_mm / inner);
     const bool ends = end > 0.0 && end < outer;
@@ -108,8 +108,8 @@ void pell_fit_target_dipoles(const struct pell_dipole *dipoles, int channels, co
         t->high = t->low + 2.0;
     for (int c = 0; c < channels; c++) {
         for (int i = 0; i < t->nodes; i++)
-            t->rhs[c][i] = pell_dipole_rd(&own[c], sqrt(t->r2[i]));
-        t->total[c] = pell_dipole_total(&own[c]);
+            t->rhs[c][i] = pell_dipole_rd(&scaled[c], sqrt(t->r2[i]));
+        t->total[c] = pell_dipole_total(&scaled[c]);
         (void) normalise(t, c); /* a dipole is positive and finite */
     }
 }
@@ -138,15 +138,15 @@ bool pell_fit_target_profiles(const struct pell_profile *const *profiles, int ch
 
     t->channels = channels;
     t->free_energy = params->free_energy;
-    memset(t->most, 0, sizeof(t->most));
+    memset(t->max_total, 0, sizeof(t->max_total));
     for (int c = 0; c < channels; c++) {
-        const double middle = pell_profile_sample(profiles[c], 0.5), q = pell_profile_sample(profiles[c], INSIDE);
-        if (!(middle > 0.0) || !(q > 0.0) || !isfinite(middle))
+        const double median = pell_profile_sample(profiles[c], 0.5), q = pell_profile_sample(profiles[c], INSIDE);
+        if (!(median > 0.0) || !(q > 0.0) || !isfinite(median))
             return false;
-        unit = fmin(unit, middle);
+        unit = fmin(unit, median);
         inner = fmin(inner, q);
         centre = fmin(centre, pell_profile_sample(profiles[c], CENTRE));
-        outer = fmax(outer, outer_of_profile(profiles[c], middle));
+        outer = fmax(outer, outer_of_profile(profiles[c], median));
         unbounded = unbounded || pell_profile_eval(profiles[c], q / 8.0) > 2.0 * pell_profile_eval(profiles[c], q);
     }
     const bool ends = params->r_max_mm > 0.0 && params->r_max_mm < outer;

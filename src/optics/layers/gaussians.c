@@ -113,21 +113,22 @@ static void scale_to_sum(const struct algebra *g, double *w, double total)
 static double clip(double *w, int n)
 {
     const double total = sum_of(w, n);
-    double good = 0.0;
+    double positive = 0.0;
     for (int i = 0; i < n; i++) {
         w[i] = fmax(w[i], 0.0);
-        good += w[i];
+        positive += w[i];
     }
-    if (!(total > 0.0) || !(good > 0.0)) {
+    if (!(total > 0.0) || !(positive > 0.0)) {
         memset(w, 0, (size_t) n * sizeof(*w));
-        return good > 0.0 ? 1.0 : 0.0;
+        return positive > 0.0 ? 1.0 : 0.0;
     }
     for (int i = 0; i < n; i++)
-        w[i] *= total / good;
-    return (good - total) / good;
+        w[i] *= total / positive;
+    return (positive - total) / positive;
 }
 
-static double norm(const double *w, int n)
+/* Sum of the absolute weights. */
+static double magnitude(const double *w, int n)
 {
     double sum = 0.0;
     for (int i = 0; i < n; i++)
@@ -244,20 +245,20 @@ static void make_slab(struct algebra *g, const struct pell_multipole_slab *y, bo
 static void bounce(struct algebra *g, double **y, int count)
 {
     const double ratio = sum_of(g->x, g->count);
-    double left = ratio, all = 0.0; /* ratio^terms */
+    double ratio_power = ratio, largest = 0.0; /* ratio^terms */
     int terms = 1;
 
     for (int k = 0; k < count; k++)
-        all = fmax(all, sum_of(y[k], g->count));
-    while (all * left / (1.0 - ratio) > g->energy_loss && terms < (1 << 20)) {
+        largest = fmax(largest, sum_of(y[k], g->count));
+    while (largest * ratio_power / (1.0 - ratio) > g->energy_loss && terms < (1 << 20)) {
         for (int k = 0; k < count; k++) {
             g->kernels->multiply(g->block, g->octaves, g->x, y[k], g->z);
             for (int i = 0; i < g->count; i++)
                 y[k][i] += g->z[i];
         }
         terms *= 2;
-        left *= left;
-        if (all * left / (1.0 - ratio) > g->energy_loss) {
+        ratio_power *= ratio_power;
+        if (largest * ratio_power / (1.0 - ratio) > g->energy_loss) {
             g->kernels->multiply(g->block, g->octaves, g->x, g->x, g->z);
             double *swap = g->x;
             g->x = g->z;
@@ -277,7 +278,7 @@ static void swap(double **a, double **b)
 /* Whether |A^ B^| < 1 at all frequencies (d'Eon et al. state the condition for profiles; it applies to their transforms). */
 static bool converges(const struct algebra *g, const double *a, const double *b)
 {
-    const double bound = norm(a, g->count) * norm(b, g->count);
+    const double bound = magnitude(a, g->count) * magnitude(b, g->count);
 
     if (bound < 0.99)
         return true;
@@ -353,7 +354,7 @@ enum pell_result pell_stack_gaussians(const struct pell_stack *stack, int channe
         workspace_size < pell_stack_workspace_size(params) || !workspace)
         return PELL_ERR_INVALID;
 
-    const bool half_space = isinf(slabs.slab[slabs.count - 1].d), only = q->reflectance_only || half_space;
+    const bool half_space = isinf(slabs.slab[slabs.count - 1].d), reflectance_only = q->reflectance_only || half_space;
     g.kernels = pell_layers_kernels_tables[pell_simd_best()];
     g.narrow = q->variance > 0.0 ? q->variance : slabs.shortest * slabs.shortest / (4.0 * SHARPER);
     if (!(g.narrow >= 1e-14))
@@ -371,7 +372,7 @@ enum pell_result pell_stack_gaussians(const struct pell_stack *stack, int channe
     make_slab(&g, &slabs.slab[slabs.count - 1], q->analytic, g.sum);
     for (int i = slabs.count - 2; i >= 0; i--) {
         make_slab(&g, &slabs.slab[i], q->analytic, g.upper);
-        combine(&g, only);
+        combine(&g, reflectance_only);
     }
 
     out->narrow = g.narrow;
@@ -382,7 +383,7 @@ enum pell_result pell_stack_gaussians(const struct pell_stack *stack, int channe
     out->count = g.count - 1;
     memcpy(out->variance, g.variance + 1, (size_t) out->count * sizeof(double));
     for (int part = 0; part < PELL_STACK_PARTS; part++) {
-        const bool computed = !only || part == PELL_STACK_R_PLUS;
+        const bool computed = !reflectance_only || part == PELL_STACK_R_PLUS;
         for (int i = 0; i < out->count; i++)
             out->weight[part][i] = computed ? g.sum[part][i + 1] : 0.0;
         if (computed && g.sum[part][0] != 0.0) {
@@ -403,7 +404,7 @@ static bool usable(const struct pell_stack_sets *s, enum pell_stack_part part)
 /* Variance below which the given fraction of a set's light lies; of its magnitude if weights of both signs make the sum non-monotonic. */
 static double quantile(const struct pell_stack_sets *s, enum pell_stack_part part, double fraction)
 {
-    const double *w = s->weight[part], total = norm(w, s->count);
+    const double *w = s->weight[part], total = magnitude(w, s->count);
     double sum = 0.0;
     for (int i = 0; i < s->count; i++)
         if ((sum += fabs(w[i])) >= fraction * total)
@@ -448,10 +449,10 @@ enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *s, enum p
 static void correct_moment(const double *target, int count, double moment, double *weight)
 {
     int first = -1, last = -1;
-    double has = 0.0;
+    double actual = 0.0;
 
     for (int i = 0; i < count; i++) {
-        has += weight[i] * target[i];
+        actual += weight[i] * target[i];
         if (weight[i] > 0.0) {
             first = first < 0 ? i : first;
             last = i;
@@ -459,7 +460,7 @@ static void correct_moment(const double *target, int count, double moment, doubl
     }
     if (first == last)
         return;
-    double step = (moment - has) / (target[last] - target[first]);
+    double step = (moment - actual) / (target[last] - target[first]);
     step = fmin(fmax(step, -weight[last]), weight[first]);
     weight[last] += step;
     weight[first] -= step;
@@ -474,7 +475,7 @@ static double project(const double *variance, const double *w, int n, const doub
     struct pell_nnls problem = { .count = count, .fixed_sum = true, .sum = total };
     struct pell_nnls_solution solution;
     double H[PELL_GAUSSIANS_MAX][PELL_GAUSSIANS_MAX], C[PELL_GAUSSIANS_MAX][PELL_GAUSSIANS_MAX] = { { 0 } };
-    double b[PELL_GAUSSIANS_MAX], row[PELL_GAUSSIANS_MAX], held = 0.0;
+    double b[PELL_GAUSSIANS_MAX], row[PELL_GAUSSIANS_MAX], captured = 0.0;
 
     /* Half the second moment. Signed weights may have none above 0, which weights >= 0 can't match. */
     const double moment = 0.5 * pell_gaussian_set_moment(variance, w, (size_t) n);
@@ -508,11 +509,11 @@ static double project(const double *variance, const double *w, int n, const doub
         correct_moment(target, count, moment, weight);
     for (int i = 0; i < count; i++) {
         const double u = weight[i] / sqrt(target[i]);
-        held += 2.0 * u * b[i];
+        captured += 2.0 * u * b[i];
         for (int j = 0; j < count; j++)
-            held -= u * H[i][j] * weight[j] / sqrt(target[j]);
+            captured -= u * H[i][j] * weight[j] / sqrt(target[j]);
     }
-    return held;
+    return captured;
 }
 
 enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3], enum pell_stack_part part, int count,
@@ -521,8 +522,8 @@ enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3
     enum { TRIES = 6 };
     static const double low_fractions[TRIES] = { 0.005, 0.02, 0.05, 0.09, 0.15, 0.22 };
     static const double high_fractions[TRIES] = { 0.995, 0.98, 0.94, 0.88, 0.8, 0.7 };
-    double low[TRIES], high[TRIES], narrow = INFINITY, wide = 0.0, norm_of[3] = { 0 }, best = -INFINITY;
-    bool light[3];
+    double low[TRIES], high[TRIES], narrow = INFINITY, wide = 0.0, captured_first[3] = { 0 }, best = -INFINITY;
+    bool has_light[3];
 
     *out = (struct pell_gaussians) { 0 };
     if (count < 2 || count > PELL_GAUSSIANS_MAX)
@@ -536,40 +537,40 @@ enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3
     }
     for (int c = 0; c < 3; c++) {
         const double *w = channel[c]->weight[part], total = sum_of(w, channel[c]->count);
-        light[c] = total > 0.0;
-        for (int k = 0; k < TRIES && light[c]; k++) {
+        has_light[c] = total > 0.0;
+        for (int k = 0; k < TRIES && has_light[c]; k++) {
             low[k] = fmin(low[k], quantile(channel[c], part, low_fractions[k]));
             high[k] = fmax(high[k], quantile(channel[c], part, high_fractions[k]));
         }
-        if (light[c]) { /* the mean variance must lie between the first and the last, or no weights >= 0 have it */
+        if (has_light[c]) { /* the mean variance must lie between the first and the last, or no weights >= 0 have it */
             const double moment = pell_gaussian_set_moment(channel[c]->variance, w, (size_t) channel[c]->count);
             const double mean = moment > 0.0 ? 0.5 * moment / total : quantile(channel[c], part, 0.5);
             narrow = fmin(narrow, 0.8 * mean);
             wide = fmax(wide, 1.25 * mean);
         }
     }
-    if (!light[0] && !light[1] && !light[2])
+    if (!has_light[0] && !has_light[1] && !has_light[2])
         return PELL_OK;
     for (int a = 0; a < TRIES; a++)
         for (int b = 0; b < TRIES; b++) {
             struct pell_gaussians g = { .count = count };
             const double bottom = fmin(low[a], narrow), top = fmax(high[b], wide);
-            double held = 0.0;
+            double captured = 0.0;
             for (int i = 0; i < count; i++)
                 g.variance[i] = bottom * pow(top / bottom, i / (count - 1.0));
             for (int c = 0; c < 3; c++) {
                 double weight[PELL_GAUSSIANS_MAX];
-                if (!light[c])
+                if (!has_light[c])
                     continue;
                 const double h = project(channel[c]->variance, channel[c]->weight[part], channel[c]->count, g.variance, count, weight);
-                if (!(norm_of[c] > 0.0))
-                    norm_of[c] = fabs(h);
-                held += h / norm_of[c];
+                if (!(captured_first[c] > 0.0))
+                    captured_first[c] = fabs(h);
+                captured += h / captured_first[c];
                 for (int i = 0; i < count; i++)
                     g.weight[i][c] = weight[i];
             }
-            if (held > best) {
-                best = held;
+            if (captured > best) {
+                best = captured;
                 *out = g;
             }
         }

@@ -26,10 +26,10 @@ static void response(const struct pell_multipole_slab *y, const double *s, int n
     }
     const double gap = y->d - l, L2 = 2.0 * y->d + z0 + z1;
     const double rp_a = 2.0 * gap + z1, rm_a = 2.0 * gap + z0, tp_a = 2.0 * l + z0, tm_a = 2.0 * l + z1;
-    const double leave = half * (y->straight ? exp(-gap * y->sigma_tr) : 1.0), fall = y->straight ? 0.0 : fabs(gap);
-    const double s0 = y->scale[0], s1 = y->scale[1], most = gap < 0.0 ? y->growth_max : 708.0;
+    const double leave = half * (y->straight ? exp(-gap * y->sigma_tr) : 1.0), decay = y->straight ? 0.0 : fabs(gap);
+    const double s0 = y->scale[0], s1 = y->scale[1], max_growth = gap < 0.0 ? y->growth_max : 708.0;
     for (int i = 0; i < n; i++) {
-        const double kappa = sqrt(sigma2 + s[i] * s[i]), reach = fall * kappa, g = lanes_exp(reach < most ? reach : most);
+        const double kappa = sqrt(sigma2 + s[i] * s[i]), reach = decay * kappa, g = lanes_exp(reach < max_growth ? reach : max_growth);
         const double enter = half * lanes_exp(l * kappa), transmittance = leave * (gap < 0.0 ? 1.0 / g : g);
         const double e0 = 1.0 + lanes_exp(z0 * kappa), e1 = 1.0 + lanes_exp(z1 * kappa), series = 1.0 / lanes_absorbed(L2 * kappa);
         rp[i] = s0 * enter * e0 * series * lanes_absorbed(fabs(rp_a) * kappa);

@@ -85,7 +85,7 @@ static void solve(const struct pell_slabs *slabs, const bool wanted[PELL_STACK_P
 }
 
 /* Lagrange interpolation through the eight nearest radii, in log r. */
-static double at(const struct spectrum *p, int part, double r)
+static double interpolate(const struct spectrum *p, int part, double r)
 {
     static const double weight[8] = { -1.0, 7.0, -21.0, 35.0, -35.0, 21.0, -7.0, 1.0 };
 
@@ -97,15 +97,15 @@ static double at(const struct spectrum *p, int part, double r)
     if (u > p->count - 5)
         return 0.0;
     const int first = (int) u < 3 ? 0 : (int) u - 3;
-    double above = 0.0, below = 0.0;
+    double numerator = 0.0, denominator = 0.0;
     for (int k = 0; k < 8; k++) {
         const double t = u - (first + k);
         if (t == 0.0)
             return p->value[part][first + k];
-        above += weight[k] / t * p->value[part][first + k];
-        below += weight[k] / t;
+        numerator += weight[k] / t * p->value[part][first + k];
+        denominator += weight[k] / t;
     }
-    return above / below;
+    return numerator / denominator;
 }
 
 enum pell_result pell_stack_hankel(const struct pell_stack *stack, int channel, const double *r_mm, size_t count,
@@ -131,7 +131,7 @@ enum pell_result pell_stack_hankel(const struct pell_stack *stack, int channel, 
     solve(&slabs, wanted, &spectrum);
     for (int part = 0; part < PELL_STACK_PARTS; part++)
         for (size_t i = 0; wanted[part] && i < count; i++)
-            out[part][i] = at(&spectrum, part, r_mm[i]);
+            out[part][i] = interpolate(&spectrum, part, r_mm[i]);
     return PELL_OK;
 }
 
@@ -173,7 +173,7 @@ enum pell_result pell_stack_profile(const struct pell_stack *stack, int channel,
     const double step = (spectrum.log_r0 + spectrum.step * last - log(first)) / (PELL_PROFILE_NODES - 1);
     for (int j = 0; j < PELL_PROFILE_NODES; j++) {
         out->r[j] = first * exp(step * j);
-        out->value[j] = fmax(0.0, at(&spectrum, part, out->r[j]));
+        out->value[j] = fmax(0.0, interpolate(&spectrum, part, out->r[j]));
     }
     double sigma = -1.0; /* beyond the last node: a half-space's far field */
     if (isinf(slabs.slab[slabs.count - 1].d))

@@ -50,7 +50,7 @@ struct pell_forward {
     float sigma_t_reduced[3], sigma_a[3], sigma_s_reduced[3]; /* 1/mm */
     float sigma_t[3];                                         /* 0: no forward scattering in this channel */
     float spread[3];                                          /* 1/mm: kappa - sigma_a, kappa the decay rate of beams with depth */
-    /* exitance of uniform light over that of the same radiance inside; the radiance outside is that inside over eta^2 */
+    /* radiant exitance per radiance of uniform light inside: pi (1 - Fdr), where the radiance that is transmitted falls by eta^2 */
     float exitance;
     float thickest; /* mm: slabs in the table are thickest (i/(PELL_FORWARD_STEPS - 1))^2 thick */
     /* Fraction of the light that these slabs transmit that is not in broad beams and exits diffusely. */
@@ -91,7 +91,7 @@ static inline float pell_forward_lobe_within(float narrow, float g, float peak, 
     return fade * (tail * pell_forward_phase(wide, c) + sharp);
 }
 
-/* The same if scattered light has a tail only. */
+/* The same with a peak above PELL_FORWARD_NARROW. */
 static inline float pell_forward_lobe(float g, float peak, float c)
 {
     return pell_forward_lobe_within(PELL_FORWARD_NARROW, g, peak, c);

@@ -19,10 +19,10 @@
 #include <math.h>
 #include <stdbool.h>
 
-enum { GAUSS = 12, MOST = 2 * GAUSS, ANGLES = 8 };
+enum { GAUSS = 12, MAX_NODES = 2 * GAUSS, ANGLES = 8 };
 
 /* x^2 concentrates nodes at the lower end, where H and F behave like square roots. */
-static int place_nodes(double eta, double mu[MOST], double weight[MOST])
+static int place_nodes(double eta, double mu[MAX_NODES], double weight[MAX_NODES])
 {
     const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.0;
     double x[GAUSS], w[GAUSS];
@@ -48,7 +48,7 @@ static double inverse_h(double at, double alpha, double root, const double *mu, 
 }
 
 /* Gaussian elimination with pivoting; the solution replaces b. */
-static void solve(double m[MOST][MOST], double *b, int n)
+static void solve(double m[MAX_NODES][MAX_NODES], double *b, int n)
 {
     for (int k = 0; k < n; k++) {
         int best = k;
@@ -85,7 +85,7 @@ static double refracted(double eta, double mu)
 
 /* H at the nodes of one medium. */
 struct half_space {
-    double mu[MOST], weight[MOST], h[MOST], albedo, root, eta;
+    double mu[MAX_NODES], weight[MAX_NODES], h[MAX_NODES], albedo, root, eta;
     int n;
 };
 
@@ -98,7 +98,7 @@ static void make(double albedo, double absorbed, double eta, struct half_space *
     for (int i = 0; i < s->n; i++)
         s->h[i] = (1.0 + 2.0 * s->mu[i]) / (1.0 + 2.0 * s->mu[i] * s->root); /* Hapke's approximation */
     for (int round = 0; round < 200; round++) {
-        double next[MOST], change = 0.0;
+        double next[MAX_NODES], change = 0.0;
         for (int i = 0; i < s->n; i++) {
             next[i] = 0.5 * (s->h[i] + 1.0 / inverse_h(s->mu[i], albedo, s->root, s->mu, s->weight, s->h, s->n));
             change = fmax(change, fabs(next[i] / s->h[i] - 1.0));
@@ -114,7 +114,7 @@ static void make(double albedo, double absorbed, double eta, struct half_space *
 static double returned(const struct half_space *s, double inside)
 {
     const double down = 1.0 / inverse_h(inside, s->albedo, s->root, s->mu, s->weight, s->h, s->n), k = 0.25 * s->albedo / PELL_PI;
-    double u[MOST], m[MOST][MOST], total = 0.0;
+    double u[MAX_NODES], m[MAX_NODES][MAX_NODES], total = 0.0;
 
     for (int i = 0; i < s->n; i++) {
         u[i] = k * s->h[i] * down / (s->mu[i] + inside);
@@ -155,30 +155,31 @@ double pell_half_space_albedo_at(double albedo, double eta, double mu)
 
 /* The medium whose total reflectance at normal incidence is `total`: solved for the logarithm of its absorption, in which the reflectance
  * decreases. False position, Illinois (Dowell and Jarratt 1971, "A Modified Regula Falsi Method"). */
-static void make_of_total(double total, double eta, struct half_space *s)
+static void make_for_total(double total, double eta, struct half_space *s)
 {
-    double at[2] = { log(1e-12), 0.0 }, over[2] = { 1.0 - total, -total };
+    double log_absorbed[2] = { log(1e-12), 0.0 }, difference[2] = { 1.0 - total, -total };
     int last = -1;
 
     for (int i = 0; i < 60; i++) {
-        const double here = (at[0] * over[1] - at[1] * over[0]) / (over[1] - over[0]), absorbed = exp(here);
-        double by;
+        const double middle = (log_absorbed[0] * difference[1] - log_absorbed[1] * difference[0]) / (difference[1] - difference[0]),
+                     absorbed = exp(middle);
+        double value;
         int end;
         make(1.0 - absorbed, absorbed, eta, s);
-        by = returned(s, 1.0) - total;
-        if (fabs(by) < 1e-6 * total)
+        value = returned(s, 1.0) - total;
+        if (fabs(value) < 1e-6 * total)
             return;
-        end = by < 0.0;
-        at[end] = here;
-        over[end] = by;
-        over[!end] *= end == last ? 0.5 : 1.0;
+        end = value < 0.0;
+        log_absorbed[end] = middle;
+        difference[end] = value;
+        difference[!end] *= end == last ? 0.5 : 1.0;
         last = end;
     }
 }
 
 /* Nodes over the directions that enter, with the fraction of uniform light incident along each. */
 struct angles {
-    double inside[ANGLES], weight[ANGLES], entered, off;
+    double inside[ANGLES], weight[ANGLES], entered, one_minus_cosine;
 };
 
 static void place_angles(double eta, struct angles *a)
@@ -186,23 +187,23 @@ static void place_angles(double eta, struct angles *a)
     double mu[ANGLES], weight[ANGLES];
 
     pell_gauss_legendre(ANGLES, mu, weight);
-    a->entered = a->off = 0.0;
+    a->entered = a->one_minus_cosine = 0.0;
     for (int i = 0; i < ANGLES; i++) {
         a->inside[i] = refracted(eta, mu[i]);
         a->weight[i] = weight[i] * 2.0 * mu[i] * (1.0 - pell_fresnel(eta, mu[i]));
         a->entered += a->weight[i];
-        a->off += a->weight[i] * (1.0 - a->inside[i]);
+        a->one_minus_cosine += a->weight[i] * (1.0 - a->inside[i]);
     }
 }
 
 /* The least squares slope of values that are 0 at normal incidence. */
-static double slope_of(const struct angles *a, const double over[ANGLES])
+static double slope_of(const struct angles *a, const double excess[ANGLES])
 {
     double product = 0.0, square = 0.0;
 
     for (int i = 0; i < ANGLES; i++) {
         const double x = 1.0 - a->inside[i];
-        product += a->weight[i] * x * over[i];
+        product += a->weight[i] * x * excess[i];
         square += a->weight[i] * x * x;
     }
     return square > 0.0 ? product / square : 0.0;
@@ -212,17 +213,17 @@ struct pell_half_space_angle pell_half_space_angle_of(double total, double eta)
 {
     struct pell_half_space_angle a = { 0.0, 1.0 };
     struct angles at;
-    double over[ANGLES];
+    double excess[ANGLES];
     struct half_space s;
 
     if (!(total > 0.0 && total < 1.0 && eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
         return a;
-    make_of_total(total, eta, &s);
+    make_for_total(total, eta, &s);
     place_angles(eta, &at);
     for (int i = 0; i < ANGLES; i++)
-        over[i] = returned(&s, at.inside[i]) / total - 1.0;
-    a.slope = slope_of(&at, over);
-    a.mean = 1.0 + a.slope * at.off / at.entered;
+        excess[i] = returned(&s, at.inside[i]) / total - 1.0;
+    a.slope = slope_of(&at, excess);
+    a.mean = 1.0 + a.slope * at.one_minus_cosine / at.entered;
     return a;
 }
 
@@ -230,7 +231,7 @@ struct pell_half_space_angle pell_half_space_angle_multiple(double total, double
 {
     struct pell_half_space_angle a = { 0.0, 1.0 };
     struct angles at;
-    double over[ANGLES], once, rest;
+    double excess[ANGLES], once, rest;
 
     if (!(total > 0.0 && total < 1.0 && albedo > 0.0 && albedo <= 1.0 && eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
         return a;
@@ -240,8 +241,8 @@ struct pell_half_space_angle pell_half_space_angle_multiple(double total, double
         return a;
     place_angles(eta, &at);
     for (int i = 0; i < ANGLES; i++)
-        over[i] = albedo * pell_single_scattering_albedo_at(0.0, eta, at.inside[i]) - once;
-    a.slope = (total * angle.slope - slope_of(&at, over)) / rest;
-    a.mean = 1.0 + a.slope * at.off / at.entered;
+        excess[i] = albedo * pell_single_scattering_albedo_at(0.0, eta, at.inside[i]) - once;
+    a.slope = (total * angle.slope - slope_of(&at, excess)) / rest;
+    a.mean = 1.0 + a.slope * at.one_minus_cosine / at.entered;
     return a;
 }

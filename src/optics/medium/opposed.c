@@ -37,9 +37,9 @@ static struct pell_opposed_pair on_sphere(double curvature, double radius, doubl
 /* The radius: for spheres unchanged; for cavities at least the diffusion limit. */
 static double radius_of(const struct pell_opposed *o, int channel, double curvature)
 {
-    const double nearest = (double) PELL_OPPOSED_NEAREST * ((double) o->depth[channel] + (double) o->beyond[channel]);
+    const double smallest = (double) PELL_OPPOSED_MIN_RADIUS * ((double) o->depth[channel] + (double) o->beyond[channel]);
 
-    return curvature > 0.0 ? 1.0 / curvature : fmax(-1.0 / curvature, nearest);
+    return curvature > 0.0 ? 1.0 / curvature : fmax(-1.0 / curvature, smallest);
 }
 
 double pell_opposed_across(const struct pell_opposed *o, int channel, double curvature)

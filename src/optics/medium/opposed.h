@@ -10,7 +10,7 @@
  *
  * times that of a half-space. The image of both in the plane at x doubles it, which is exact at an edge of right angles and the first term
  * of a slab's sum, and too large where light is lost through the sides. The remaining factor was fitted to exact diffusion in slabs,
- * cylinders and spheres of 0.1 to 8 diffusion lengths (Decision 35), by the mean curvature H:
+ * cylinders and spheres of 0.1 to 8 diffusion lengths (ADR 35), by the mean curvature H:
  *
  *     C = (2 + 0.6 exp(-s))/(1 + (H d)^1.5 (exp(-s)/2 + 1/(1 + (s/4.8)^2)))
  *
@@ -27,8 +27,8 @@
 
 #define PELL_OPPOSED_SEEN 0.45f    /* cosine above which faces are mutually visible, */
 #define PELL_OPPOSED_HIDDEN -0.15f /* and below which they are not */
-#define PELL_OPPOSED_NEAREST                                                                                                               \
-    2.0f /* solids of smaller radius, in `beyond` + `depth`, are treated as having this radius: diffusion does not apply to them */
+/* Smaller solids are treated as having this radius, in `beyond` + `depth`: diffusion does not apply to them. */
+#define PELL_OPPOSED_MIN_RADIUS 2.0f
 
 struct pell_opposed {
     float kappa[3];  /* 1/mm: decay rate of light with depth, by radiative transfer */
@@ -68,43 +68,43 @@ static inline float pell_opposed_gradient(float kappa, float d2)
     return (1.0f + s) * expf(-s) / (12.5663706f * d * d * d);
 }
 
-/* pell_opposed_split for these channels; 0 for others. */
-static inline float pell_opposed_split_of(const struct pell_opposed *o, const struct pell_opposed_pair *p, const bool is[3],
+/* pell_opposed_split for the `wanted` channels; 0 for others. */
+static inline float pell_opposed_split_of(const struct pell_opposed *o, const struct pell_opposed_pair *p, const bool wanted[3],
                                           float through[3])
 {
     const float versine = 1.0f - p->facing, clamped = versine < 0.0f ? 0.0f : versine > 1.0f ? 1.0f : versine;
     const float weight = clamped * clamped * (3.0f - 2.0f * clamped), t = sqrtf(clamped), over = p->to - p->from;
     const float convex = p->curvature > 0.0f ? p->curvature : 0.0f;
-    float solid, air = 0.0f;
+    float inside, air = 0.0f;
 
     through[0] = through[1] = through[2] = 0.0f;
     if (!(weight > 1e-3f))
         return 1.0f;
     /* 1: the chord is inside the solid, 0: in air */
-    solid = 0.5f + 2.5f * over / sqrtf(p->distance2 > 1e-20f ? p->distance2 : 1e-20f);
-    solid = solid < 0.0f ? 0.0f : solid > 1.0f ? 1.0f : solid;
-    solid *= solid * (3.0f - 2.0f * solid);
-    if (solid < 1.0f) {
+    inside = 0.5f + 2.5f * over / sqrtf(p->distance2 > 1e-20f ? p->distance2 : 1e-20f);
+    inside = inside < 0.0f ? 0.0f : inside > 1.0f ? 1.0f : inside;
+    inside *= inside * (3.0f - 2.0f * inside);
+    if (inside < 1.0f) {
         const float round = 1.0f + acosf(versine < 2.0f ? 1.0f - versine : -1.0f) / 3.14159265f;
         air = (versine < 2.0f ? 1.0f - 0.5f * versine : 0.0f) / (round * round);
     }
-    for (int c = 0; c < 3 && solid > 0.0f; c++) {
-        if (!is[c])
+    for (int c = 0; c < 3 && inside > 0.0f; c++) {
+        if (!wanted[c])
             continue;
-        const float e = o->beyond[c], z = o->depth[c] + e, k = o->kappa[c], most = 1.0f / (PELL_OPPOSED_NEAREST * z);
-        const float bent = convex < most ? convex : most, out = 1.0f + bent * e;
+        const float e = o->beyond[c], z = o->depth[c] + e, k = o->kappa[c], max_curvature = 1.0f / (PELL_OPPOSED_MIN_RADIUS * z);
+        const float curvature = convex < max_curvature ? convex : max_curvature, out = 1.0f + curvature * e;
         const float shift = o->depth[c], exit = p->to - shift * p->t_nx, far = exit - p->from;
         const float from = p->from - e * versine, to = exit + e * versine;
         const float d2 = p->distance2 + shift * (shift * p->t_t - 2.0f * p->t_v) + 2.0f * e * (far + e * versine);
         const float point2 = d2 + z * (z + 2.0f * from), least2 = 0.25f * (p->area < z * z ? p->area : z * z);
         const float near2 = point2 > least2 ? point2 : least2, far2 = d2 + z * (z - 2.0f * from);
         const float flux = (to + z * p->facing) * pell_opposed_gradient(k, near2) - (to - z * p->facing) * pell_opposed_gradient(k, far2);
-        const float d = sqrtf(d2 > 0.0f ? d2 : 0.0f), s = k * d, q = s * (1.0f / 4.8f), fallen = expf(-s), arc = bent / out * d;
+        const float d = sqrtf(d2 > 0.0f ? d2 : 0.0f), s = k * d, q = s * (1.0f / 4.8f), fallen = expf(-s), arc = curvature / out * d;
         const float C = (2.0f + 0.6f * fallen) / (1.0f + arc * sqrtf(arc) * (0.5f * fallen + 1.0f / (1.0f + q * q)));
         if (flux > 0.0f)
-            through[c] = weight * solid * o->amount[c] * (1.0f + (out * out - 1.0f) * t) * (1.0f + (C - 1.0f) * t) * flux;
+            through[c] = weight * inside * o->amount[c] * (1.0f + (out * out - 1.0f) * t) * (1.0f + (C - 1.0f) * t) * flux;
     }
-    return 1.0f - weight + weight * (1.0f - solid) * air;
+    return 1.0f - weight + weight * (1.0f - inside) * air;
 }
 
 /* Transport between the two points through the solid, 1/mm^2, in addition to a profile; returns the remaining weight of the profile over

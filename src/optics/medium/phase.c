@@ -145,7 +145,7 @@ double pell_phase_sample(const struct pell_phase *p, double xi1, double xi2, con
 {
     const struct sides s = sample(p, clamp(xi1, 0.0, 1.0));
     const double c = s.plus < s.minus ? s.plus - 1.0 : 1.0 - s.minus, sine = sqrt(s.plus * s.minus);
-    const double turn = 2.0 * PELL_PI * clamp(xi2, 0.0, 1.0), x = sine * cos(turn), y = sine * sin(turn);
+    const double phi = 2.0 * PELL_PI * clamp(xi2, 0.0, 1.0), x = sine * cos(phi), y = sine * sin(phi);
     /* two vectors perpendicular to w_i, after Duff et al. 2017, "Building an Orthonormal Basis, Revisited" */
     const double sign = copysign(1.0, w_i[2]), a = -1.0 / (sign + w_i[2]), b = w_i[0] * w_i[1] * a;
     const double t[3] = { 1.0 + sign * w_i[0] * w_i[0] * a, sign * b, -sign * w_i[0] }, u[3] = { b, sign + w_i[1] * w_i[1] * a, -w_i[1] };

@@ -119,14 +119,14 @@ enum pell_result pell_skin_color(const struct pell_skin *skin, double rgb[3])
 /* Scales a channel's absorption in all layers such that the stack reflects `total`, which falls as absorption grows. */
 static enum pell_result match(struct pell_stack *stack, int channel, double total)
 {
-    const struct pell_stack from = *stack;
+    const struct pell_stack original = *stack;
     double low = -10.0, high = 10.0; /* logarithm of the factor */
 
     for (int i = 0; i < 50; i++) {
         const double middle = 0.5 * (low + high), factor = exp(middle);
         double out[PELL_STACK_PARTS];
         for (int l = 0; l < stack->count; l++)
-            stack->layer[l].sigma_a[channel] = factor * from.layer[l].sigma_a[channel];
+            stack->layer[l].sigma_a[channel] = factor * original.layer[l].sigma_a[channel];
         const enum pell_result res = pell_stack_totals(stack, channel, out, NULL);
         if (res != PELL_OK)
             return res;

@@ -26,19 +26,19 @@
 #define THINNEST 0x1p-9 /* optical thickness of the first entry */
 
 enum {
-    GAUSS = 8,        /* nodes on each side of the critical angle */
-    MOST = 2 * GAUSS, /* and the normal direction is one more */
-    NORMAL = MOST,
-    SIDE = MOST + 1,
+    GAUSS = 8,         /* nodes on each side of the critical angle */
+    NODES = 2 * GAUSS, /* and the normal direction is one more */
+    NORMAL = NODES,
+    DIRECTIONS = NODES + 1,
     EARLIER = 8, /* doublings before the first entry */
     PER_OCTAVE = 2,
 };
 
 struct directions {
-    double mu[SIDE], weight[SIDE], fresnel[SIDE];
+    double mu[DIRECTIONS], weight[DIRECTIONS], fresnel[DIRECTIONS];
 };
 
-typedef double matrix[SIDE][SIDE];
+typedef double matrix[DIRECTIONS][DIRECTIONS];
 
 struct layer {
     double thickness; /* optical thickness */
@@ -61,7 +61,7 @@ static void place_directions(double eta, struct directions *d)
     }
     d->mu[NORMAL] = 1.0; /* light enters along the normal, where no light is scattered to exactly */
     d->weight[NORMAL] = 0.0;
-    for (int i = 0; i < SIDE; i++)
+    for (int i = 0; i < DIRECTIONS; i++)
         d->fresnel[i] = pell_fresnel(1.0 / eta, d->mu[i]);
 }
 
@@ -69,17 +69,17 @@ static void scatter_once(const struct directions *d, double albedo, struct layer
 {
     const double t = l->thickness;
 
-    for (int j = 0; j < SIDE; j++) {
+    for (int j = 0; j < DIRECTIONS; j++) {
         const double in = d->mu[j], scattered = albedo * -expm1(-t / in);
         double escaped = 0.0, again;
-        for (int i = 0; i < SIDE; i++) {
-            const double out = d->mu[i], k = 0.5 * albedo * d->weight[i] * out, apart = 1.0 / in - 1.0 / out;
+        for (int i = 0; i < DIRECTIONS; i++) {
+            const double out = d->mu[i], k = 0.5 * albedo * d->weight[i] * out, difference = 1.0 / in - 1.0 / out;
             l->R[i][j] = k / (in + out) * -expm1(-t * (1.0 / in + 1.0 / out));
-            l->T[i][j] = k / (in * out) * exp(-t / in) * (fabs(apart * t) > 1e-8 ? expm1(apart * t) / apart : t);
+            l->T[i][j] = k / (in * out) * exp(-t / in) * (fabs(difference * t) > 1e-8 ? expm1(difference * t) / difference : t);
             escaped += l->R[i][j] + l->T[i][j];
         }
         again = scattered > escaped && scattered > 0.0 ? 1.0 - escaped / scattered : 0.0;
-        for (int i = 0; i < SIDE; i++) {
+        for (int i = 0; i < DIRECTIONS; i++) {
             l->R[i][j] /= 1.0 - albedo * again;
             l->T[i][j] /= 1.0 - albedo * again;
         }
@@ -89,29 +89,29 @@ static void scatter_once(const struct directions *d, double albedo, struct layer
 static void multiply(const matrix a, const matrix b, matrix out)
 {
     memset(out, 0, sizeof(matrix));
-    for (int i = 0; i < SIDE; i++)
-        for (int k = 0; k < SIDE; k++)
-            for (int j = 0; j < SIDE; j++)
+    for (int i = 0; i < DIRECTIONS; i++)
+        for (int k = 0; k < DIRECTIONS; k++)
+            for (int j = 0; j < DIRECTIONS; j++)
                 out[i][j] += a[i][k] * b[k][j];
 }
 
 /* (1 - m)^-1 b replaces b; m is destroyed. Column sums of m are below one, so that the diagonal is a good pivot. */
 static void solve(matrix m, matrix b)
 {
-    for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++)
+    for (int i = 0; i < DIRECTIONS; i++)
+        for (int j = 0; j < DIRECTIONS; j++)
             m[i][j] = (i == j) - m[i][j];
-    for (int k = 0; k < SIDE; k++)
-        for (int i = k + 1; i < SIDE; i++) {
+    for (int k = 0; k < DIRECTIONS; k++)
+        for (int i = k + 1; i < DIRECTIONS; i++) {
             const double f = m[i][k] / m[k][k];
-            for (int j = k + 1; j < SIDE; j++)
+            for (int j = k + 1; j < DIRECTIONS; j++)
                 m[i][j] -= f * m[k][j];
-            for (int j = 0; j < SIDE; j++)
+            for (int j = 0; j < DIRECTIONS; j++)
                 b[i][j] -= f * b[k][j];
         }
-    for (int i = SIDE - 1; i >= 0; i--)
-        for (int j = 0; j < SIDE; j++) {
-            for (int k = i + 1; k < SIDE; k++)
+    for (int i = DIRECTIONS - 1; i >= 0; i--)
+        for (int j = 0; j < DIRECTIONS; j++) {
+            for (int k = i + 1; k < DIRECTIONS; k++)
                 b[i][j] -= m[i][k] * b[k][j];
             b[i][j] /= m[i][i];
         }
@@ -119,7 +119,7 @@ static void solve(matrix m, matrix b)
 
 static void add_straight(const struct directions *d, double thickness, double sign, matrix T)
 {
-    for (int i = 0; i < SIDE; i++)
+    for (int i = 0; i < DIRECTIONS; i++)
         T[i][i] += sign * exp(-thickness / d->mu[i]);
 }
 
@@ -135,12 +135,12 @@ static void between_layers(const matrix R_below, const matrix R, const matrix do
     solve(m, down);
     multiply(R, down, back);
     multiply(up_through, back, m);
-    for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++)
+    for (int i = 0; i < DIRECTIONS; i++)
+        for (int j = 0; j < DIRECTIONS; j++)
             R_above[i][j] += m[i][j];
 }
 
-static void twice(const struct directions *d, struct layer *l)
+static void double_layer(const struct directions *d, struct layer *l)
 {
     matrix all, down;
 
@@ -202,16 +202,16 @@ static void add_lower(const struct directions *d, const struct layer *l, matrix 
 
     memcpy(down, l->T, sizeof(matrix));
     add_straight(d, l->thickness, 1.0, down);
-    for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++)
+    for (int i = 0; i < DIRECTIONS; i++)
+        for (int j = 0; j < DIRECTIONS; j++)
             m[i][j] = down[i][j] * d->fresnel[j]; /* from below, a layer transmits as from above */
-    for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++)
+    for (int i = 0; i < DIRECTIONS; i++)
+        for (int j = 0; j < DIRECTIONS; j++)
             up[i][j] = l->R[i][j] * d->fresnel[j];
     solve(up, down);
     multiply(m, down, up);
-    for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++)
+    for (int i = 0; i < DIRECTIONS; i++)
+        for (int j = 0; j < DIRECTIONS; j++)
             up[i][j] += l->R[i][j];
 }
 
@@ -231,16 +231,16 @@ static void between_boundaries(const struct directions *d, const struct layer *l
     double again;
 
     add_lower(d, l, up, down);
-    for (int i = 0; i < SIDE; i++) {
+    for (int i = 0; i < DIRECTIONS; i++) {
         entering[i][NORMAL] = i == NORMAL;
-        for (int j = 0; j < SIDE; j++)
+        for (int j = 0; j < DIRECTIONS; j++)
             m[i][j] = d->fresnel[i] * up[i][j];
     }
     solve(m, entering);
     *transmitted = -straight(l->thickness, d->fresnel[NORMAL], &again);
     *reflected = -again;
-    for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++) {
+    for (int i = 0; i < DIRECTIONS; i++)
+        for (int j = 0; j < DIRECTIONS; j++) {
             *reflected += (1.0 - d->fresnel[i]) * up[i][j] * entering[j][NORMAL];
             *transmitted += (1.0 - d->fresnel[i]) * down[i][j] * entering[j][NORMAL];
         }
@@ -266,14 +266,14 @@ bool pell_slab_make(const struct pell_medium *medium, int channel, struct pell_s
         l.thickness = THINNEST * exp2((double) part / PER_OCTAVE - EARLIER);
         scatter_once(&d, albedo, &l);
         for (int i = 0; i < EARLIER; i++)
-            twice(&d, &l);
+            double_layer(&d, &l);
         for (int i = part; i < PELL_SLAB_STEPS; i += PER_OCTAVE) {
             double reflected, transmitted;
             between_boundaries(&d, &l, &reflected, &transmitted);
             out->reflected[i] = log(fmax(reflected, DBL_MIN));
             out->transmitted[i] = log(fmax(transmitted, DBL_MIN));
             if (i + PER_OCTAVE < PELL_SLAB_STEPS)
-                twice(&d, &l);
+                double_layer(&d, &l);
         }
     }
     return true;
@@ -288,7 +288,7 @@ static void make_layer(const struct directions *d, double albedo, double thickne
     l->thickness = ldexp(thickness, -doublings);
     scatter_once(d, albedo, l);
     while (doublings-- > 0)
-        twice(d, l);
+        double_layer(d, l);
 }
 
 static double reduced(const struct pell_medium_layer *l, int channel)
@@ -351,24 +351,24 @@ struct pell_half_space_angle pell_passing_angle(const struct pell_medium *medium
     struct directions d;
     struct layer l;
     matrix up, down, m, entering = { { 0.0 } };
-    double passed[SIDE] = { 0.0 }, product = 0.0, square = 0.0, all = 0.0, off = 0.0, sum = 0.0, slope;
+    double passed[DIRECTIONS] = { 0.0 }, product = 0.0, square = 0.0, all = 0.0, off = 0.0, sum = 0.0, slope;
 
     if (!(albedo > 0.0) || !pell_medium_valid(medium, NULL))
         return out;
     place_directions(medium->eta, &d);
     make_layer(&d, albedo, PELL_PASSING_THICK, &l);
     add_lower(&d, &l, up, down);
-    for (int i = 0; i < SIDE; i++) {
+    for (int i = 0; i < DIRECTIONS; i++) {
         entering[i][i] = 1.0;
-        for (int j = 0; j < SIDE; j++)
+        for (int j = 0; j < DIRECTIONS; j++)
             m[i][j] = d.fresnel[i] * up[i][j];
     }
     solve(m, entering);
     multiply(down, entering, m);
-    for (int j = 0; j < SIDE; j++)
-        for (int i = 0; i < SIDE; i++)
+    for (int j = 0; j < DIRECTIONS; j++)
+        for (int i = 0; i < DIRECTIONS; i++)
             passed[j] += (1.0 - d.fresnel[i]) * (m[i][j] - (i == j ? exp(-l.thickness / d.mu[i]) : 0.0));
-    for (int j = 0; j < MOST && passed[NORMAL] > 0.0; j++) {
+    for (int j = 0; j < NODES && passed[NORMAL] > 0.0; j++) {
         const double x = 1.0 - d.mu[j], weight = (1.0 - d.fresnel[j]) * d.weight[j] * d.mu[j];
         product += weight * x * passed[j];
         square += weight * x * x;

@@ -18,7 +18,7 @@
 #include "math/quadrature.h"
 #include "math/vec.h"
 
-/* A product rule over the unit square: Gauss and Legendre's over the radius, midpoints over half the turn (the integrand is even). */
+/* A product rule over the unit square: Gauss-Legendre over the radius, midpoints over half the turn (the integrand is even). */
 #define RADII 24
 #define TURNS_GGX 32
 #define TURNS 64 /* for the other models: their integrands have a kink at grazing angles */
@@ -146,11 +146,11 @@ static void phong_rule(float alpha, struct rule *rule)
 static void phong_albedo(const struct rule *rule, float alpha, float mu, float *scale, float *bias)
 {
     const float n = (float) phong_exponent((double) alpha), factor = (n + 2.0f) / (n + 1.0f), s = sqrtf(1.0f - mu * mu);
-    const float along = 2.0f * mu * mu - 1.0f, beside = 2.0f * s * mu;
+    const float along = 2.0f * mu * mu - 1.0f, across = 2.0f * s * mu;
     float a = 0.0f, b = 0.0f;
 
     for (int k = 0; k < POINTS; k++) {
-        const float nl = mu * rule->c[k] + s * rule->a[k], lv = along * rule->c[k] + beside * rule->a[k];
+        const float nl = mu * rule->c[k] + s * rule->a[k], lv = along * rule->c[k] + across * rule->a[k];
         const float vh2 = 0.5f + 0.5f * lv, c = pell_schlick_weight(sqrtf(vh2 > 0.0f ? vh2 : 0.0f));
         const float all = factor * nl * rule->weight[k], w = nl > 0.0f ? all : 0.0f;
         a += w * (1.0f - c);
@@ -293,11 +293,6 @@ void pell_boundary_table_make(double eta, struct pell_boundary_table *b)
     }
 }
 
-static float clamp01(float x)
-{
-    return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
-}
-
 float pell_specular_albedo(const struct pell_specular_table *table, float f0, float mu, float roughness)
 {
     float fraction, scale, bias;
@@ -305,7 +300,7 @@ float pell_specular_albedo(const struct pell_specular_table *table, float f0, fl
 
     pell_roughness_position(roughness, &j, &fraction);
     pell_albedo_pair(table->albedo[0][j], fraction, mu, &scale, &bias);
-    return clamp01(f0 * scale + bias);
+    return pell_saturate(f0 * scale + bias);
 }
 
 float pell_specular_mean(const struct pell_specular_table *table, float f0, float roughness)
@@ -315,5 +310,5 @@ float pell_specular_mean(const struct pell_specular_table *table, float f0, floa
 
     pell_roughness_position(roughness, &j, &fraction);
     const float *low = table->mean[j], *high = table->mean[j + 1];
-    return clamp01(f0 * (low[0] + fraction * (high[0] - low[0])) + low[1] + fraction * (high[1] - low[1]));
+    return pell_saturate(f0 * (low[0] + fraction * (high[0] - low[0])) + low[1] + fraction * (high[1] - low[1]));
 }

@@ -15,7 +15,7 @@
 
 #include <pellucid/profile.h>
 
-#define NEAREST 2.0 /* least radius, in z0 + zb: diffusion does not apply to smaller spheres */
+#define MIN_RADIUS 2.0 /* least radius, in z0 + zb: diffusion does not apply to smaller spheres */
 
 double pell_curvature_gain(const struct pell_medium *medium, int channel, const struct pell_profile *profile, double curvature)
 {
@@ -28,12 +28,12 @@ double pell_curvature_gain(const struct pell_medium *medium, int channel, const 
     if (!(sigma_t > 0.0) || !isfinite(curvature) || curvature == 0.0)
         return 1.0;
     if (curvature > 0.0) {
-        const double full = sigma_tr * ((a = fmax(1.0 / curvature, NEAREST * (z0 + zb))) + zb), part = sigma_tr * (a - z0);
-        /* sinh(part)/sinh(full) / exp(part - full) */
-        const double spread = full > 1e-6 ? expm1(-2.0 * part) / expm1(-2.0 * full) : (a - z0) / (a + zb);
-        gain = spread * (a + reach) / (a - z0);
+        const double full = sigma_tr * ((a = fmax(1.0 / curvature, MIN_RADIUS * (z0 + zb))) + zb), part = sigma_tr * (a - z0);
+        /* sinh(part)/sinh(full) over exp(part - full) */
+        const double decay = full > 1e-6 ? expm1(-2.0 * part) / expm1(-2.0 * full) : (a - z0) / (a + zb);
+        gain = decay * (a + reach) / (a - z0);
     } else {
-        a = fmax(-1.0 / curvature, NEAREST * (z0 + zb));
+        a = fmax(-1.0 / curvature, MIN_RADIUS * (z0 + zb));
         gain = (a - reach) / (a + z0);
     }
     inside = pell_profile_cdf(profile, 2.0 * a);

@@ -11,8 +11,8 @@
 #include <math.h>
 #include <string.h>
 
-#define WEIGHT_MIN 1e-4 /* below it, photons in absorbing layers are subject to Russian roulette */
-#define WEIGHT_ODDS 0.1
+#define WEIGHT_MIN 1e-4     /* below it, photons in absorbing layers are subject to Russian roulette, */
+#define WEIGHT_SURVIVAL 0.1 /* which they survive with this probability */
 #define ROULETTE_GROWTH 4
 
 /* --- Random numbers ----------------------------------------------------------------------------------------------------------- */
@@ -86,7 +86,7 @@ struct photon {
 
 /* Rotates the direction by the angle with this cosine about a uniform azimuth. The azimuth is that of a point drawn in the unit disc,
  * doubled, which needs no trigonometry (von Neumann 1951). */
-static inline void turn(struct stream *r, struct photon *p, double cosine)
+static inline void rotate(struct stream *r, struct photon *p, double cosine)
 {
     double a, b, s;
     do {
@@ -111,7 +111,7 @@ static inline void turn(struct stream *r, struct photon *p, double cosine)
 }
 
 /* Draws a direction uniformly over the sphere. */
-static inline void turn_anyhow(struct stream *r, struct photon *p)
+static inline void scatter_uniform(struct stream *r, struct photon *p)
 {
     double a, b, s;
     do { /* Marsaglia 1972, "Choosing a Point from the Surface of a Sphere" */
@@ -129,7 +129,7 @@ static inline void turn_anyhow(struct stream *r, struct photon *p)
 static inline void scatter(struct stream *r, struct photon *p, double g)
 {
     if (g == 0.0) {
-        turn_anyhow(r, p);
+        scatter_uniform(r, p);
         return;
     }
     const double xi = 2.0 * uniform(r) - 1.0;
@@ -140,11 +140,11 @@ static inline void scatter(struct stream *r, struct photon *p, double g)
         const double q = (1.0 - g * g) / (1.0 + g * xi);
         cosine = (1.0 + g * g - q * q) / (2.0 * g);
     }
-    turn(r, p, fmin(fmax(cosine, -1.0), 1.0));
+    rotate(r, p, fmin(fmax(cosine, -1.0), 1.0));
 }
 
 /* Whether the photon crosses a boundary into an index n2; its direction is then refracted, else reflected. */
-static inline bool passes(struct stream *r, struct photon *p, double n1, double n2)
+static inline bool cross_boundary(struct stream *r, struct photon *p, double n1, double n2)
 {
     if (n1 == n2)
         return true;
@@ -164,7 +164,7 @@ struct slice { /* a layer as the random walk needs it */
 };
 
 /* Traces one photon from the upper face; true if it exits, with *e filled except for the index. */
-static bool walk(const struct pell_photon_stack *s, const struct slice *slices, struct stream *r, pell_photon_leave touch, void *user,
+static bool walk(const struct pell_photon_stack *s, const struct slice *slices, struct stream *r, pell_photon_callback touch, void *user,
                  struct pell_photon_exit *e, struct pell_photon_sums *sums)
 {
     struct photon p = { 0 };
@@ -181,7 +181,7 @@ static bool walk(const struct pell_photon_stack *s, const struct slice *slices, 
         const double ratio = s->n_above / slices[0].n, sin2 = fmin(ratio * ratio * (1.0 - p.w * p.w), 1.0);
         p.u = sqrt(sin2);
         p.w = sqrt(1.0 - sin2);
-    } else if (!passes(r, &p, s->n_above, slices[0].n)) {
+    } else if (!cross_boundary(r, &p, s->n_above, slices[0].n)) {
         e->collisions = 0;
         e->radius = 0.0;
         e->mu = -p.w;
@@ -223,7 +223,7 @@ static bool walk(const struct pell_photon_stack *s, const struct slice *slices, 
                 if (touch)
                     touch(user, e);
             }
-            if (passes(r, &p, l->n, beyond)) {
+            if (cross_boundary(r, &p, l->n, beyond)) {
                 if (out) {
                     e->mu = fabs(p.w);
                     return true;
@@ -241,12 +241,12 @@ static bool walk(const struct pell_photon_stack *s, const struct slice *slices, 
             if (weight < WEIGHT_MIN) {
                 if (weight == 0.0)
                     return false;
-                if (uniform(r) >= WEIGHT_ODDS) {
+                if (uniform(r) >= WEIGHT_SURVIVAL) {
                     sums->absorbed[layer] += weight; /* compensates Russian roulette: see below */
                     return false;
                 }
-                sums->absorbed[layer] -= weight * (1.0 / WEIGHT_ODDS - 1.0);
-                weight *= 1.0 / WEIGHT_ODDS;
+                sums->absorbed[layer] -= weight * (1.0 / WEIGHT_SURVIVAL - 1.0);
+                weight *= 1.0 / WEIGHT_SURVIVAL;
             }
         }
         if (n >= next_roulette) {
@@ -306,8 +306,8 @@ const char *pell_photon_fault(const struct pell_photon_stack *s)
     return NULL;
 }
 
-void pell_photon_walk(const struct pell_photon_stack *stack, uint64_t seed, uint64_t first, uint64_t count, pell_photon_leave leave,
-                      pell_photon_leave touch, void *user, struct pell_photon_sums *sums)
+void pell_photon_walk(const struct pell_photon_stack *stack, uint64_t seed, uint64_t first, uint64_t count, pell_photon_callback leave,
+                      pell_photon_callback touch, void *user, struct pell_photon_sums *sums)
 {
     struct slice slices[PELL_PHOTON_LAYERS];
     double depth = 0.0;

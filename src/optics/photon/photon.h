@@ -55,7 +55,7 @@ struct pell_photon_exit {
 };
 /* Called for photons that exit, or (`touch`) each time one hits an outer face from inside, before reflection or transmission is decided:
  * `mu` is then the cosine inside. If every touch is weighted by its transmittance, one run also covers many indices. */
-typedef void (*pell_photon_leave)(void *user, const struct pell_photon_exit *e);
+typedef void (*pell_photon_callback)(void *user, const struct pell_photon_exit *e);
 
 struct pell_photon_sums {
     double absorbed[PELL_PHOTON_LAYERS]; /* weight absorbed in each layer; all photons sum to 1 */
@@ -68,7 +68,7 @@ const char *pell_photon_fault(const struct pell_photon_stack *stack);
 
 /* Traces photons first, first + 1, ... (count of them) of this seed, in that order, and calls `leave` and `touch` (either may be NULL).
  * Adds to *sums. The stack must be valid. */
-void pell_photon_walk(const struct pell_photon_stack *stack, uint64_t seed, uint64_t first, uint64_t count, pell_photon_leave leave,
-                      pell_photon_leave touch, void *user, struct pell_photon_sums *sums);
+void pell_photon_walk(const struct pell_photon_stack *stack, uint64_t seed, uint64_t first, uint64_t count, pell_photon_callback leave,
+                      pell_photon_callback touch, void *user, struct pell_photon_sums *sums);
 
 #endif

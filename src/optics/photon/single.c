@@ -10,16 +10,19 @@
 
 /* Henyey-Greenstein phase function, 1/sr, for scattering into a direction that rises with cosine mu: its scattering angle has cosine
  * -mu. */
-static double back(double g, double mu)
+static double phase_up(double g, double mu)
 {
     const double d = 1.0 + g * g + 2.0 * g * mu;
     return (1.0 - g * g) / (4.0 * PELL_PI * d * sqrt(d));
 }
 
-/* A photon that collides at depth z and exits at r rises with mu = z/sqrt(z^2 + r^2). With mu = sin t R(tau) = 1/tau Int sin t p(-sin t) (1
- * - F(sin t)) exp(-tau (1 + sin t)/cos t) dt     in units of sigma_t^2, total  = Int 2 pi p(-mu) mu/(1 + mu) (1 - F(mu)) dmu over t from
- * total reflection to pi/2: t = t0 + (pi/2 - t0) s^2, as the transmittance starts as a square root, in panels that shrink towards the end,
- * where a backscattering phase function has its peak. */
+/* A photon that collides at depth z and exits at r rises with mu = z/sqrt(z^2 + r^2). With mu = sin t
+ *
+ *     R(tau) = 1/tau Int sin t p(-sin t) (1 - F(sin t)) exp(-tau (1 + sin t)/cos t) dt     in units of sigma_t^2
+ *     total  = Int 2 pi p(-mu) mu/(1 + mu) (1 - F(mu)) dmu
+ *
+ * over t from total reflection to pi/2: t = t0 + (pi/2 - t0) s^2, as the transmittance starts as a square root, in panels that shrink
+ * towards the end, where a backscattering phase function has its peak. */
 void pell_single_make(double g, double eta, struct pell_single *out)
 {
     enum { PANELS = 4, PER_PANEL = PELL_SINGLE_ANGLES / PANELS };
@@ -34,7 +37,7 @@ void pell_single_make(double g, double eta, struct pell_single *out)
         const double from = edges[panel], length = edges[panel + 1] - from;
         for (int i = 0; i < PER_PANEL; i++, n++) {
             const double s = from + length * x[i], t = t0 + width * s * s, mu = sin(t), c = cos(t);
-            const double w = length * weight[i] * 2.0 * width * s * mu * back(g, mu) * (1.0 - pell_fresnel(1.0 / eta, mu));
+            const double w = length * weight[i] * 2.0 * width * s * mu * phase_up(g, mu) * (1.0 - pell_fresnel(1.0 / eta, mu));
             out->weight[n] = w;
             out->rate[n] = (1.0 + mu) / c;
             out->total += 2.0 * PELL_PI * w * c / (1.0 + mu);
@@ -70,7 +73,7 @@ double pell_single_scattering_albedo_at(double g, double eta, double inside)
         const double mu = critical + (1.0 - critical) * x[i] * x[i], side = sqrt(1.0 - mu * mu) * across;
         double phase = 0.0;
         for (int k = 0; k < TURNS; k++)
-            phase += back(g, inside * mu + side * cos(2.0 * PELL_PI * (k + 0.5) / TURNS)) / TURNS;
+            phase += phase_up(g, inside * mu + side * cos(2.0 * PELL_PI * (k + 0.5) / TURNS)) / TURNS;
         total +=
             weight[i] * 2.0 * (1.0 - critical) * x[i] * 2.0 * PELL_PI * phase * mu / (inside + mu) * (1.0 - pell_fresnel(1.0 / eta, mu));
     }
@@ -78,7 +81,7 @@ double pell_single_scattering_albedo_at(double g, double eta, double inside)
 }
 
 /* Whether kappa is below the smallest root: all pivots of the fraction, taken from its far end, are positive (Sturm). */
-static bool below(double albedo, double g, double kappa)
+static bool below_root(double albedo, double g, double kappa)
 {
     enum { ORDER = 160 };
     double power[ORDER + 1], pivot = 2.0 * ORDER + 1.0;
@@ -99,11 +102,11 @@ double pell_transport_kappa(double albedo, double g)
     double low = 0.0, high = 1.0;
     if (albedo >= 1.0)
         return 0.0;
-    if (below(albedo, g, 1.0))
+    if (below_root(albedo, g, 1.0))
         return 1.0;
     for (int i = 0; i < 44; i++) {
         const double middle = 0.5 * (low + high);
-        if (below(albedo, g, middle))
+        if (below_root(albedo, g, middle))
             low = middle;
         else
             high = middle;

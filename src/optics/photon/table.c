@@ -4,7 +4,7 @@
 #include "optics/photon/table.h"
 
 /* The cubic on [x1, x2] with the slopes that parabolas through three neighbours have at its ends; it is linear in the values, so it is
- * given as weights w[0..3] of four neighbours from *first on. `x` has count >= 4 rising places; t within them. */
+ * given as weights w[0..3] of four neighbours from *first on. `x` has count >= 4 rising nodes; t within them. */
 static void weights_at(const double *x, int count, double t, int *first, double w[4])
 {
     int i = 0;

@@ -58,21 +58,23 @@ enum pell_result pell_profile_boundary_make(double eta, const struct pell_profil
 }
 
 /* out: multiple and single scattering. */
-static void add_single(const struct pell_medium *medium, int channel, const struct pell_profile *rest, const struct pell_single *single,
+static void add_single(const struct pell_medium *medium, int channel, const struct pell_profile *multiple, const struct pell_single *single,
                        struct pell_profile *out)
 {
     const double sigma_a = medium->sigma_a[channel], sigma_s = medium->sigma_s_reduced[channel] / (1.0 - medium->g[channel]);
-    const double sigma_t = sigma_a + sigma_s, reduced = sigma_a + medium->sigma_s_reduced[channel], decay = rest->parameter[PAIR_SIGMA];
-    const double first = FIRST / fmax(reduced, sigma_t), last = fmin(300.0 / reduced, 45.0 / fmax(fmin(decay, sigma_t), 1e-3 * reduced));
+    const double sigma_t = sigma_a + sigma_s, sigma_t_reduced = sigma_a + medium->sigma_s_reduced[channel],
+                 decay = multiple->parameter[PAIR_SIGMA];
+    const double first = FIRST / fmax(sigma_t_reduced, sigma_t),
+                 last = fmin(300.0 / sigma_t_reduced, 45.0 / fmax(fmin(decay, sigma_t), 1e-3 * sigma_t_reduced));
 
     for (int i = 0; i < NODES; i++) {
         const double r = first * exp(log(last / first) * i / (NODES - 1));
         out->r[i] = r;
-        out->value[i] = pell_profile_eval(rest, r) + sigma_s * sigma_t * pell_single_rd(single, r * sigma_t);
+        out->value[i] = pell_profile_eval(multiple, r) + sigma_s * sigma_t * pell_single_rd(single, r * sigma_t);
     }
     pell_profile_nodes_make(out, NODES, PELL_NODES_LOG, decay);
-    pell_profile_nodes_scale(out, fmin(1.0, rest->total + sigma_s / sigma_t * single->total) / out->total);
-    out->total = fmin(1.0, rest->total + sigma_s / sigma_t * single->total);
+    pell_profile_nodes_scale(out, fmin(1.0, multiple->total + sigma_s / sigma_t * single->total) / out->total);
+    out->total = fmin(1.0, multiple->total + sigma_s / sigma_t * single->total);
 }
 
 static enum pell_result make(const struct pell_medium *medium, int channel, const struct pell_profile_params *params,
@@ -87,17 +89,17 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
         return PELL_ERR_UNSUPPORTED;
     const double A = (1.0 + boundary.c2) / (1.0 - boundary.c1);
     double scale = albedo * albedo / (4.0 * PELL_PI);
-    struct pell_profile rest = { 0 };
+    struct pell_profile multiple = { 0 };
     struct pell_single single;
 
     pell_single_make(medium->g[channel], medium->eta, &single);
     scale *= 1.0 - single.total;
-    pell_profile_pair_make(&rest, sqrt(sigma_a / D), 1.0 / sigma_t, 1.0 / sigma_t + 4.0 * A * D, scale * 0.5 * (1.0 - boundary.c2),
+    pell_profile_pair_make(&multiple, sqrt(sigma_a / D), 1.0 / sigma_t, 1.0 / sigma_t + 4.0 * A * D, scale * 0.5 * (1.0 - boundary.c2),
                            scale * 0.25 * (1.0 - boundary.c1) / D);
     if (params->without_single || !(albedo > 0.0))
-        *out = rest;
+        *out = multiple;
     else
-        add_single(medium, channel, &rest, &single, out);
+        add_single(medium, channel, &multiple, &single, out);
     return PELL_OK;
 }
 

@@ -9,34 +9,34 @@
 
 _Static_assert(PELL_PROFILE_PARAMETERS >= 1 + 2 * PELL_GAUSSIANS_MAX, "a profile holds every sum");
 
-/* Term i has the flux w = 2 pi (w/(2 pi v)) / (2/(2 v)), and falls as exp(-fall r^2). */
-static double term(const struct pell_profile *p, int i, double *fall)
+/* Term i has the flux w = 2 pi (w/(2 pi v)) / (2/(2 v)), and falls as exp(-rate r^2). */
+static double term(const struct pell_profile *p, int i, double *rate)
 {
-    *fall = p->parameter[1 + 2 * i];
-    return PELL_PI * p->parameter[2 + 2 * i] / *fall;
+    *rate = p->parameter[1 + 2 * i];
+    return PELL_PI * p->parameter[2 + 2 * i] / *rate;
 }
 
 static double inside(const struct pell_profile *p, double r)
 {
-    double sum = 0.0, fall;
+    double sum = 0.0, rate;
     for (int i = 0; i < (int) p->parameter[0]; i++)
-        sum -= term(p, i, &fall) * expm1(-r * r * fall);
+        sum -= term(p, i, &rate) * expm1(-r * r * rate);
     return sum;
 }
 
 static double outside(const struct pell_profile *p, double r)
 {
-    double sum = 0.0, fall;
+    double sum = 0.0, rate;
     for (int i = 0; i < (int) p->parameter[0]; i++)
-        sum += term(p, i, &fall) * exp(-r * r * fall);
+        sum += term(p, i, &rate) * exp(-r * r * rate);
     return sum;
 }
 
 static double transform(const struct pell_profile *p, double s)
 {
-    double sum = 0.0, fall;
+    double sum = 0.0, rate;
     for (int i = 0; i < (int) p->parameter[0]; i++)
-        sum += term(p, i, &fall) * exp(-0.25 * s * s / fall);
+        sum += term(p, i, &rate) * exp(-0.25 * s * s / rate);
     return sum;
 }
 

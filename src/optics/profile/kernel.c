@@ -167,7 +167,7 @@ static void jacobi(double m[BLOCK][BLOCK], double vector[BLOCK][BLOCK])
 /* The eigenvectors of the `rank` eigenvalues of largest magnitude, by block power iteration. */
 static void principal(const struct quadrant *q, int rank, double value[PELL_KERNEL_RANK_MAX], double vector[PELL_KERNEL_RANK_MAX][CELLS])
 {
-    double v[BLOCK][CELLS], w[BLOCK][CELLS], small[BLOCK][BLOCK], turn[BLOCK][BLOCK];
+    double v[BLOCK][CELLS], w[BLOCK][CELLS], projected[BLOCK][BLOCK], rotation[BLOCK][BLOCK];
 
     for (int a = 0; a < BLOCK; a++)
         for (int i = 0; i < CELLS; i++)
@@ -185,25 +185,25 @@ static void principal(const struct quadrant *q, int rank, double value[PELL_KERN
     }
     for (int a = 0; a < BLOCK; a++)
         for (int b = 0; b < BLOCK; b++) {
-            small[a][b] = 0.0;
+            projected[a][b] = 0.0;
             for (int i = 0; i < CELLS; i++)
-                small[a][b] += 0.5 * (v[a][i] * w[b][i] + v[b][i] * w[a][i]);
+                projected[a][b] += 0.5 * (v[a][i] * w[b][i] + v[b][i] * w[a][i]);
         }
-    jacobi(small, turn);
+    jacobi(projected, rotation);
     for (int k = 0; k < rank; k++) {
         int best = k;
         for (int a = 0; a < BLOCK; a++) { /* find the k-th in magnitude by counting larger ones */
             int larger = 0;
             for (int b = 0; b < BLOCK; b++)
-                larger += fabs(small[b][b]) > fabs(small[a][a]) || (fabs(small[b][b]) == fabs(small[a][a]) && b < a);
+                larger += fabs(projected[b][b]) > fabs(projected[a][a]) || (fabs(projected[b][b]) == fabs(projected[a][a]) && b < a);
             if (larger == k)
                 best = a;
         }
-        value[k] = small[best][best];
+        value[k] = projected[best][best];
         for (int i = 0; i < CELLS; i++) {
             vector[k][i] = 0.0;
             for (int a = 0; a < BLOCK; a++)
-                vector[k][i] += turn[a][best] * v[a][i];
+                vector[k][i] += rotation[a][best] * v[a][i];
         }
     }
 }
@@ -224,15 +224,15 @@ static bool separate(const struct pell_profile *p, int c, struct pell_separable 
 {
     const int half = out->taps / 2;
     const double total = pell_profile_total(p);
-    double value[PELL_KERNEL_RANK_MAX], vector[PELL_KERNEL_RANK_MAX][CELLS], kept = 0.0, sum = 0.0;
+    double value[PELL_KERNEL_RANK_MAX], vector[PELL_KERNEL_RANK_MAX][CELLS], captured = 0.0, sum = 0.0;
     struct quadrant q;
 
     if (!quadrant_make(p, out->extent_mm, &q))
         return false;
     principal(&q, out->rank, value, vector);
     for (int k = 0; k < out->rank; k++) {
-        double pass = 0.0;
-        kept += value[k] * value[k];
+        double weight_sum = 0.0;
+        captured += value[k] * value[k];
         out->sign[k][c] = value[k] < 0.0 ? -1.0 : 1.0;
         for (int i = 0; i <= half; i++) {
             const double at = out->offset_mm[half + i];
@@ -240,9 +240,9 @@ static bool separate(const struct pell_profile *p, int c, struct pell_separable 
             const double high = i < half ? 0.5 * (at + out->offset_mm[half + i + 1]) : out->extent_mm;
             const double weight = sqrt(fabs(value[k])) * (i > 0 ? 1.0 : 2.0) * integrate(&q, vector[k], low, high);
             out->weight[k][half + i][c] = out->weight[k][half - i][c] = weight;
-            pass += i > 0 ? 2.0 * weight : weight;
+            weight_sum += i > 0 ? 2.0 * weight : weight;
         }
-        sum += out->sign[k][c] * pass * pass;
+        sum += out->sign[k][c] * weight_sum * weight_sum;
     }
     if (!(sum > 0.0))
         return false;
@@ -251,7 +251,7 @@ static bool separate(const struct pell_profile *p, int c, struct pell_separable 
             out->weight[k][i][c] *= sqrt(total / sum);
     out->total[c] = total;
     out->outside[c] = fmin(fmax(1.0 - q.light / total, 0.0), 1.0);
-    out->error[c] = sqrt(fmax(0.0, 1.0 - kept / q.square));
+    out->error[c] = sqrt(fmax(0.0, 1.0 - captured / q.square));
     return true;
 }
 

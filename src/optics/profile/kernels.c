@@ -46,9 +46,9 @@ static void gaussians(const struct pell_profile *p, const double *r, double *res
             sum[i] = 0.0;
         }
         for (int k = 0; k < gaussian_count; k++) {
-            const double fall = parameter[1 + 2 * k], scale = parameter[2 + 2 * k];
+            const double rate = parameter[1 + 2 * k], scale = parameter[2 + 2 * k];
             for (size_t i = 0; i < n; i++)
-                sum[i] += scale * lanes_exp(block[i] * fall);
+                sum[i] += scale * lanes_exp(block[i] * rate);
         }
         memcpy(R + from, sum, n * sizeof(*R));
     }

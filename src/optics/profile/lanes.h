@@ -79,10 +79,10 @@ LANES_INLINE double lanes_pair(const double *p, double r_mm)
 {
     const double s = p[PAIR_SIGMA], zr = p[PAIR_ZR], zv = p[PAIR_ZV], r = lanes_radius(r_mm), r2 = r * r;
     const double dr = sqrt(r2 + zr * zr), dv = sqrt(r2 + zv * zv), both = 1.0 / (dr * dv);
-    const double ir = both * dv, iv = both * dr, apart = (zv - zr) * (zv + zr) / (dv + dr);
-    const double e = lanes_exp(s * dr), lost = lanes_absorbed(s * apart);
+    const double ir = both * dv, iv = both * dr, difference = (zv - zr) * (zv + zr) / (dv + dr);
+    const double e = lanes_exp(s * dr), lost = lanes_absorbed(s * difference);
     const double flux = zr * (1.0 + s * dr) * ir * ir * ir + (1.0 - lost) * (zv * (1.0 + s * dv)) * iv * iv * iv;
-    const double fluence = both * apart + lost * iv;
+    const double fluence = both * difference + lost * iv;
     return e * (p[PAIR_A] * flux + p[PAIR_B] * fluence);
 }
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * monte_carlo.c - the profile of a half-space under a beam at right angles by Monte Carlo: single scattering by an integral
+ * monte_carlo.c - the profile of a half-space under a beam at normal incidence by Monte Carlo: single scattering by an integral
  * (photon/single.c), multiple scattering from a table of simulated photons (photon/table.h), the far field by diffusion with the decay of
  * transport. */
 #include <pellucid/inversion.h>
@@ -34,9 +34,9 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
     const double albedo_reduced = medium->sigma_s_reduced[channel] / sigma_t_reduced, eta = medium->eta;
     const double g_in = fmin(fmax(g, pell_photon_table_data.g[0]), pell_photon_table_data.g[PELL_TABLE_G - 1]);
     /* Single scattering with the medium's own g, the rest with g clamped to the table's range. */
-    const double once = pell_albedo_of_reduced(albedo_reduced, g), per_reduced = 1.0 / (1.0 - once * g);
-    const double twice = pell_albedo_of_reduced(albedo_reduced, g_in);
-    const double kappa = pell_transport_kappa(twice, g_in) / (1.0 - twice * g_in);
+    const double albedo = pell_albedo_of_reduced(albedo_reduced, g), extinction_ratio = 1.0 / (1.0 - albedo * g);
+    const double albedo_in = pell_albedo_of_reduced(albedo_reduced, g_in);
+    const double kappa = pell_transport_kappa(albedo_in, g_in) / (1.0 - albedo_in * g_in);
     const double end = fmin(DARK / fmax(kappa, 1e-300), PELL_TABLE_R_MIN * pow(10.0, (PELL_TABLE_R - 1.0) / PELL_TABLE_PER_DECADE));
     struct pell_single single;
     double y[PELL_TABLE_R], multiple, total;
@@ -44,21 +44,21 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
 
     if (params->A > 0.0 || params->roughness > 0.0 || params->fresnel != PELL_FRESNEL_EXACT)
         return PELL_ERR_UNSUPPORTED; /* the table was simulated with a smooth boundary */
-    if (once == 0.0)
+    if (albedo == 0.0)
         return PELL_OK;
     pell_multiple(albedo_reduced, g_in, eta, y, &multiple);
     pell_single_make(g, eta, &single);
-    total = twice * twice * multiple;
+    total = albedo_in * albedo_in * multiple;
     if (!params->without_single)
-        total = fmin(1.0, total + once * single.total);
+        total = fmin(1.0, total + albedo * single.total);
 
     for (; count < PELL_PROFILE_NODES; count++) {
         const double x = log(FIRST) + log(10.0) / PER_DECADE * count, r = exp(x), area = 2.0 * PELL_PI * r * r;
-        double value = twice * twice * exp(between(y, x) - kappa * r) / area;
+        double value = albedo_in * albedo_in * exp(between(y, x) - kappa * r) / area;
         if (r > end * (1.0 + 1e-9))
             break;
         if (!params->without_single)
-            value += once * per_reduced * per_reduced * pell_single_rd(&single, r * per_reduced);
+            value += albedo * extinction_ratio * extinction_ratio * pell_single_rd(&single, r * extinction_ratio);
         out->r[count] = r / sigma_t_reduced;
         out->value[count] = value * sigma_t_reduced * sigma_t_reduced;
     }

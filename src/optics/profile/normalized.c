@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * normalized.c - normalised diffusion, Christensen and Burley 2015, "Approximate Reflectance Profiles for Efficient Subsurface
- * Scattering", SIGGRAPH Talks, for light at right angles ("searchlight"): with the volume's mean free path l = 1/sigma_t',
+ * Scattering", SIGGRAPH Talks, for a beam at normal incidence ("searchlight"): with the volume's mean free path l = 1/sigma_t',
  *
  *     R(r) = total (exp(-r/d) + exp(-r/(3 d)))/(8 pi d r)     d = l/(1.85 - A + 7 |A - 0.8|^3)
  *

@@ -39,10 +39,10 @@ static double inside(const struct pell_profile *p, double r)
 static double outside(const struct pell_profile *p, double r)
 {
     const double s = p->parameter[PAIR_SIGMA], zr = p->parameter[PAIR_ZR], zv = p->parameter[PAIR_ZV];
-    const double dr = sqrt(r * r + zr * zr), dv = sqrt(r * r + zv * zv), apart = (zv - zr) * (zv + zr) / (dv + dr);
+    const double dr = sqrt(r * r + zr * zr), dv = sqrt(r * r + zv * zv), difference = (zv - zr) * (zv + zr) / (dv + dr);
     return 2.0 * PELL_PI *
            (p->parameter[PAIR_A] * (zr / dr * exp(-s * dr) + zv / dv * exp(-s * dv)) +
-            p->parameter[PAIR_B] * exp(-s * dr) * pell_profile_absorbed(s, apart));
+            p->parameter[PAIR_B] * exp(-s * dr) * pell_profile_absorbed(s, difference));
 }
 
 static double transform(const struct pell_profile *p, double s)

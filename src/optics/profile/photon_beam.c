@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * photon_beam.c - photon beam diffusion at right angles to the surface, Habel, Christensen, Jarosz 2013, "Photon Beam Diffusion: A
+ * photon_beam.c - photon beam diffusion at normal incidence, Habel, Christensen, Jarosz 2013, "Photon Beam Diffusion: A
  * Hybrid Monte Carlo Method for Subsurface Scattering": the improved dipole integrated over all depths at which the refracted beam
  * scatters, plus single scattering. In mean free paths 1/sigma_t', with dr^2 = r^2 + z^2, dv^2 = r^2 + (z + 4 A D)^2,
  *
@@ -92,24 +92,26 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
 
     const double slowest = fmin(beam.sigma_tr, beam.sigma_t);
     const double first = FIRST / fmax(1.0, beam.sigma_t), last = fmin(300.0, 45.0 / fmax(slowest, 1e-3));
-    double lone[NODES];
+    double single_value[NODES];
     for (int i = 0; i < NODES; i++) {
         const double r = first * exp(log(last / first) * i / (NODES - 1));
         out->r[i] = r;
         out->value[i] = multiple(&beam, kernels, r);
-        lone[i] = single(&beam, kernels, r);
+        single_value[i] = single(&beam, kernels, r);
     }
     pell_profile_nodes_make(out, NODES, PELL_NODES_LOG, beam.sigma_tr);
-    const double manifold = out->total;
+    const double multiple_total = out->total;
     for (int i = 0; i < NODES; i++)
-        out->value[i] += lone[i];
+        out->value[i] += single_value[i];
     pell_profile_nodes_make(out, NODES, PELL_NODES_LOG, beam.sigma_tr);
     /* Near alpha' = 1 the model returns up to 1.09 of the incident light, because of its kappa and not by an error of the sums; a profile
      * may not: multiple scattering, which kappa approximates, is reduced in favour of single scattering, which is exact. */
-    const double once = out->total - manifold, keep = out->total > 1.0 ? (1.0 - once) / manifold : 1.0;
+    const double single_total = out->total - multiple_total,
+                 multiple_scale = out->total > 1.0 ? (1.0 - single_total) / multiple_total : 1.0;
     for (int i = 0; i < NODES; i++) {
         out->r[i] /= sigma_t;
-        out->value[i] = (keep * (out->value[i] - lone[i]) + (params->without_single ? 0.0 : lone[i])) * sigma_t * sigma_t;
+        out->value[i] =
+            (multiple_scale * (out->value[i] - single_value[i]) + (params->without_single ? 0.0 : single_value[i])) * sigma_t * sigma_t;
     }
     pell_profile_nodes_make(out, NODES, PELL_NODES_LOG, beam.sigma_tr * sigma_t);
     out->total = fmin(1.0, out->total);

@@ -22,12 +22,12 @@ struct walk {
     double slope[2];
 };
 
-static struct walk walk_make(const double *r, const double *R, size_t count)
+static struct walk walk_begin(const double *r, const double *R, size_t count)
 {
     return (struct walk) { r, R, count, 0, { pell_nodes_slope(r, R, count, 0), pell_nodes_slope(r, R, count, 1) } };
 }
 
-static void walk_on(struct walk *w)
+static void walk_next(struct walk *w)
 {
     w->row++;
     w->slope[0] = w->slope[1];
@@ -46,11 +46,11 @@ static double walk_between(struct walk *w, double from, double to)
 {
     double sum;
     while (w->row + 2 < w->count && w->r[w->row + 1] <= from)
-        walk_on(w);
+        walk_next(w);
     sum = -walk_flux(w, from);
     while (w->row + 2 < w->count && w->r[w->row + 1] < to) {
         sum += walk_flux(w, w->r[w->row + 1]);
-        walk_on(w);
+        walk_next(w);
     }
     return fmax(0.0, sum + walk_flux(w, to));
 }
@@ -59,7 +59,7 @@ static double walk_between(struct walk *w, double from, double to)
 static int choose_nodes(const double *r, const double *R, size_t count, double total, double *node)
 {
     const double first = r[0] > 0.0 ? r[0] : r[1], logs = log(r[count - 1] / first);
-    struct walk w = walk_make(r, R, count);
+    struct walk w = walk_begin(r, R, count);
     double light = 0.0;
     int nodes = 1;
 
@@ -81,7 +81,7 @@ static int choose_nodes(const double *r, const double *R, size_t count, double t
 static void merge(const double *r, const double *R, size_t count, double total, struct pell_profile *out)
 {
     double wanted[PELL_PROFILE_NODES];
-    struct walk w = walk_make(r, R, count);
+    struct walk w = walk_begin(r, R, count);
     const int n = choose_nodes(r, R, count, total, out->r);
 
     for (int k = 0; k < n; k++) {
@@ -96,9 +96,9 @@ static void merge(const double *r, const double *R, size_t count, double total, 
         pell_profile_nodes_make(out, n, PELL_NODES_LINEAR, -1.0);
         for (int k = 0; k < n; k++) {
             const double middle = k + 1 < n ? 0.5 * (out->r[k] + out->r[k + 1]) : 0.0;
-            const double is = before + (k + 1 < n ? pell_profile_nodes_flux(out, k, out->r[k], middle) : 0.0);
-            if (is > 0.0 && round + 1 < ROUNDS)
-                out->value[k] *= fmin(2.0, fmax(0.5, wanted[k] / is));
+            const double flux = before + (k + 1 < n ? pell_profile_nodes_flux(out, k, out->r[k], middle) : 0.0);
+            if (flux > 0.0 && round + 1 < ROUNDS)
+                out->value[k] *= fmin(2.0, fmax(0.5, wanted[k] / flux));
             before = k + 1 < n ? pell_profile_nodes_flux(out, k, middle, out->r[k + 1]) : 0.0;
         }
     }
@@ -123,7 +123,7 @@ enum pell_result pell_profile_from_table(const double *r_mm, const double *R, si
         if (!(R[i] >= 0.0 && R[i] <= PELL_PROFILE_R_MAX))
             return refuse(fault, i, "R", R[i], 0.0, PELL_PROFILE_R_MAX);
     }
-    struct walk w = walk_make(r_mm, R, count);
+    struct walk w = walk_begin(r_mm, R, count);
     total = PELL_PI * r_mm[0] * r_mm[0] * R[0];
     if (!(total <= most))
         return refuse(fault, 0, "total", total, 0.0, 1.0);
