@@ -10,8 +10,8 @@
 /* Mirrors a row or column index beyond the border of n: ... 1 0 | 0 1 ... n-1 | n-1 ... */
 PELL_SHARED int pell_mirror(int32_t i, int n)
 {
-    const int period = 2 * n, from = (i < 0 ? -1 - i : i) % period;
-    return from < n ? from : period - 1 - from;
+    const int period = 2 * n, wrapped = (i < 0 ? -1 - i : i) % period;
+    return wrapped < n ? wrapped : period - 1 - wrapped;
 }
 
 /* Cell of pixel i in a grid of points f pixels apart, f even: between point `cell` and the next; -1: before the first. */

@@ -13,8 +13,8 @@
 /* Clamps a coordinate of such a table. */
 PELL_SHARED float pell_curvature_coord(float x)
 {
-    const float above = x > 0.0f ? x : 0.0f, most = PELL_TO_FLOAT(PELL_CURVATURE_GAINS) - 1.001f;
-    return above < most ? above : most;
+    const float above = x > 0.0f ? x : 0.0f, last = PELL_TO_FLOAT(PELL_CURVATURE_GAINS) - 1.001f;
+    return above < last ? above : last;
 }
 
 /* Table coordinates of a curvature, and of a thinness; `limit` and `step` are the material's. */
@@ -34,10 +34,10 @@ PELL_SHARED float pell_curvature_excess(float mean, float thinness)
     return thinness - (mean > 0.0f ? 0.5f * mean : 0.0f);
 }
 
-/* 0: balls and cylinders; 1: flat. */
-PELL_SHARED float pell_curvature_sheet(float beyond, float thinness)
+/* How flat a part is, from its excess (above) and its thinness: 0: balls and cylinders; 1: flat. */
+PELL_SHARED float pell_curvature_sheet(float excess, float thinness)
 {
-    const float sheet = 2.0f * beyond / thinness - 1.0f;
+    const float sheet = 2.0f * excess / thinness - 1.0f;
     return sheet > 0.0f ? sheet : 0.0f;
 }
 
@@ -48,6 +48,8 @@ PELL_SHARED float pell_curvature_round(float mean, float thinness)
     return round * (1.8f - 0.8f * round);
 }
 
+/* Shift of the entry point by the first scattering event at a mean free path along the refracted direction, `path`, in curvature radii;
+ * clamped (struct pell_curvature_effects). */
 PELL_SHARED float pell_curvature_shift(float mean, float path)
 {
     const float shift = mean * path, above = shift > -PELL_CURVATURE_SHIFT ? shift : -PELL_CURVATURE_SHIFT;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // elementary.glsl - sin, cos, acos and atan to a few units in the last place, under the names that the headers of src/shared call: Vulkan
-// lets its own err by 2^-11 and, of acos and atan, by 4096 units in the last
-// place.
+// lets its own err by 2^-11 and, of acos and atan, by 4096 units in the last place.
 
 #ifndef PELL_ELEMENTARY_GLSL
 #define PELL_ELEMENTARY_GLSL
@@ -35,11 +34,11 @@ float pell_acos(float x)
 float pell_atan2(float y, float x)
 {
     const float a = min(abs(x), abs(y)), b = max(abs(x), abs(y));
-    const bool far = a > 0.414213562 * b; // from the diagonal on
-    const float t = far ? (a - b) / (a + b) : a / max(b, 1e-30), t2 = t * t;
+    const bool diagonal = a > 0.414213562 * b; // measured from the diagonal
+    const float t = diagonal ? (a - b) / (a + b) : a / max(b, 1e-30), t2 = t * t;
     const float sum = t2 * (-3.33329491539e-1 + t2 * (1.99777106478e-1 + t2 * (-1.38776856032e-1 + t2 * 8.05374449538e-2)));
-    const float part = (far ? 0.785398163 : 0.0) + (t + t * sum), upper = abs(y) > abs(x) ? 1.57079633 - part : part;
-    const float angle = x < 0.0 ? 3.14159265 - upper : upper;
+    const float reduced = (diagonal ? 0.785398163 : 0.0) + (t + t * sum), steep = abs(y) > abs(x) ? 1.57079633 - reduced : reduced;
+    const float angle = x < 0.0 ? 3.14159265 - steep : steep;
     return y < 0.0 ? -angle : angle;
 }
 

@@ -45,14 +45,14 @@ PELL_SHARED int32_t pell_gloss_directions(int32_t samples)
 }
 
 /* Points on the light per sr, over the number of directions: the MIS weight is odds / (odds + density) for points, density / (odds +
- * density) for directions. 0: only points, since the lobe is wide compared to the light. `angle`: solid angle of the light, sr, which
+ * density) for directions. 0: only points, since the lobe is wide compared to the light. `solid_angle`: solid angle of the light, sr, which
  * need not be exact, but the same for both. */
-PELL_SHARED float pell_gloss_odds(float angle, float width2, float nv, int32_t points, int32_t directions)
+PELL_SHARED float pell_gloss_odds(float solid_angle, float width2, float nv, int32_t points, int32_t directions)
 {
     const float lobe = 4.0f * PELL_PI_F * width2 * (nv > 0.1f ? nv : 0.1f); /* 1 over the largest density, about */
-    const float odds = PELL_TO_FLOAT(points) / (angle * PELL_TO_FLOAT(directions));
+    const float odds = PELL_TO_FLOAT(points) / (solid_angle * PELL_TO_FLOAT(directions));
 
-    return angle > 3.0f * lobe ? odds : 0.0f;
+    return solid_angle > 3.0f * lobe ? odds : 0.0f;
 }
 
 #endif

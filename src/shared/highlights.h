@@ -12,19 +12,21 @@
 #define PELL_HIGHLIGHTS_NOISE 0.5f /* of the variance: samples are stratified over pixels, so it is lower than that of independent ones */
 
 /* Weight of a pixel whose normal has this cosine to the centre's, and whose depth differs by `far`; `reach` mm is the limit. */
-PELL_SHARED float pell_highlights_weight(float turn, float far, float reach)
+PELL_SHARED float pell_highlights_weight(float cosine, float far, float reach)
 {
-    const float alike = 1.0f - PELL_HIGHLIGHTS_TURN * (1.0f - turn), near = far < reach ? alike : 0.0f;
-    return near > 0.0f ? near : 0.0f;
+    const float alike = 1.0f - PELL_HIGHLIGHTS_TURN * (1.0f - cosine), weight = far < reach ? alike : 0.0f;
+    return weight > 0.0f ? weight : 0.0f;
 }
 
 /* Visible fraction of a light, from the nine pixels next to the centre (`next`) and from all around it: the latter, unless they differ
  * by more than the noise of `rays` per pixel, as at the edge of a sharp shadow. The nine have the noise of seven with equal weights. */
 PELL_SHARED float pell_highlights_visibility(float next, float around, float rays)
 {
-    const float here = next * (1.0f - next), far = around * (1.0f - around), noise = (here > far ? here : far) / (7.0f * rays);
-    const float apart = (next - around) * (next - around) - PELL_HIGHLIGHTS_NOISE * noise, over = apart > 0.0f ? apart : 0.0f;
-    return around + (next - around) * (over / (over + noise + 1e-12f));
+    const float next_variance = next * (1.0f - next), around_variance = around * (1.0f - around),
+                noise = (next_variance > around_variance ? next_variance : around_variance) / (7.0f * rays);
+    const float difference2 = (next - around) * (next - around) - PELL_HIGHLIGHTS_NOISE * noise,
+                excess = difference2 > 0.0f ? difference2 : 0.0f;
+    return around + (next - around) * (excess / (excess + noise + 1e-12f));
 }
 
 /* Fraction of entering light whose shadows are filtered, on a surface that spreads it over this mean radius: all where that is less than a

@@ -51,7 +51,7 @@ PELL_SHARED PELL_STRUCT(pell_texels) pell_texels_of(int32_t wrap, float at, int3
 }
 
 /* log2 of positive numbers, with an error of at most 0.005: the exponent, and a parabola through the mantissa in [1, 2). */
-PELL_SHARED float pell_rough_log2(float x)
+PELL_SHARED float pell_approximate_log2(float x)
 {
     const int32_t bits = pell_float_bits(x);
     const float m = pell_bits_float((bits & 0x7fffff) | 0x3f800000);
@@ -62,7 +62,7 @@ PELL_SHARED float pell_rough_log2(float x)
  * (fractions 1/4 to 3/4). */
 PELL_SHARED PELL_STRUCT(pell_mip_levels) pell_mip_levels_of(float texels, float last)
 {
-    const float raw = 0.5f * pell_rough_log2(texels), low = raw > 0.0f ? raw : 0.0f, lod = low < last ? low : last;
+    const float raw = 0.5f * pell_approximate_log2(texels), low = raw > 0.0f ? raw : 0.0f, lod = low < last ? low : last;
     const int32_t l = PELL_TO_INT(lod);
     const float f = 2.0f * (lod - PELL_TO_FLOAT(l)) - 0.5f;
     PELL_STRUCT(pell_mip_levels) m;

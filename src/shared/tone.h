@@ -30,7 +30,7 @@
 #define PELL_TONE_SCALE(exposure, l, curve, white_scale) ((exposure) * (1.0f + (l) * (white_scale)) / (1.0f + (l) * (curve)))
 
 /* Inverse of Reinhard's curve: the L that is shown as L_d, the positive root of L (1 + L / white^2) = L_d (1 + L). */
-PELL_SHARED float pell_tone_before(float shown, float white_scale)
+PELL_SHARED float pell_tone_inverse(float shown, float white_scale)
 {
     const float b = 1.0f - shown;
     return 2.0f * shown / (b + sqrtf(b * b + 4.0f * white_scale * shown));
@@ -50,7 +50,7 @@ PELL_SHARED float pell_tone_before(float shown, float white_scale)
 #define PELL_FILMIC_CURVE(x) (((x) * ((x) + 0.0245786f) - 0.000090537f) / ((x) * (0.983729f * (x) + 0.4329510f) + 0.238081f))
 
 /* Inverse of PELL_FILMIC_CURVE for y in [0, 1]. */
-PELL_SHARED float pell_filmic_before(float y)
+PELL_SHARED float pell_filmic_inverse(float y)
 {
     const float a = 1.0f - 0.983729f * y, b = 0.0245786f - 0.4329510f * y, c = -0.000090537f - 0.238081f * y;
     return (sqrtf(b * b - 4.0f * a * c) - b) / (2.0f * a);

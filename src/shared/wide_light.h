@@ -52,7 +52,7 @@ PELL_SHARED PELL_STRUCT(pell_wide) pell_wide_make(float x, float y, float half_x
 /* Position of a sample on the light, in half extents. */
 PELL_SHARED PELL_STRUCT(pell_point2) pell_wide_sample(PELL_STRUCT(pell_wide) w, float u, float v)
 {
-    const float turn = u * w.angle + w.g, f = (cosf(turn) * w.b0 - w.b1) / sinf(turn);
+    const float phi = u * w.angle + w.g, f = (cosf(phi) * w.b0 - w.b1) / sinf(phi);
     const float c = pell_clamp1((f > 0.0f ? 1.0f : -1.0f) / sqrtf(f * f + w.b0 * w.b0)), s2 = fmaxf(1.0f - c * c, 1e-12f);
     const float at_x = fminf(fmaxf(c * w.h / sqrtf(s2), w.x0), w.x1), d2 = at_x * at_x + w.h * w.h;
     const float h0 = w.y0 / sqrtf(d2 + w.y0 * w.y0), h1 = w.y1 / sqrtf(d2 + w.y1 * w.y1), h = h0 + v * (h1 - h0);

@@ -138,7 +138,7 @@ static void the_filmic_curve_keeps_grey_and_turns_bright_colours_white(void **st
 
     REQUIRE_NEAR((double) PELL_FILMIC_CURVE(0.18f * PELL_FILMIC_SCALE), 0.18, 1e-6);
     for (float y = 0.001f; y < 1.0f; y += 0.05f) {
-        const float x = pell_filmic_before(y);
+        const float x = pell_filmic_inverse(y);
         REQUIRE_REL((double) PELL_FILMIC_CURVE(x), (double) y, 1e-4);
     }
     pell_settings_default(NULL, NULL, &settings);

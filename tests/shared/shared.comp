@@ -99,7 +99,7 @@ float filmic(vec3 light)
     const vec3 mixed = vec3(PELL_FILMIC_TO_R(e.r, e.g, e.b), PELL_FILMIC_TO_G(e.r, e.g, e.b), PELL_FILMIC_TO_B(e.r, e.g, e.b));
     const vec3 x = PELL_FILMIC_CURVE(min(mixed, vec3(PELL_FILMIC_MOST)));
     const float sum = PELL_FILMIC_FROM_R(x.r, x.g, x.b) + PELL_FILMIC_FROM_G(x.r, x.g, x.b) + PELL_FILMIC_FROM_B(x.r, x.g, x.b);
-    return sum + pell_filmic_before(0.5f);
+    return sum + pell_filmic_inverse(0.5f);
 }
 
 float met(vec3 a, vec3 b, vec3 c, vec3 way)
@@ -148,7 +148,7 @@ float mapped(float x)
     const pell_texels t = pell_texels_of(PELL_TEXELS_REPEAT, x, 16);
     const pell_mip_levels m = pell_mip_levels_of(x, 4.0f);
     const float bumps = pell_bumps(0.9f, x, 1.0f);
-    return t.f + PELL_TO_FLOAT(t.a + t.b + m.lower + m.upper + pell_floor_to_int(x)) + m.blend + pell_rough_log2(x) +
+    return t.f + PELL_TO_FLOAT(t.a + t.b + m.lower + m.upper + pell_floor_to_int(x)) + m.blend + pell_approximate_log2(x) +
            pell_bumpy_roughness(x, bumps, 0) + pell_slope_variance(x, 0.25f);
 }
 
@@ -187,7 +187,7 @@ void main()
     const float x = table[i], place = pell_thickness_coord(x, table[0], 512);
     const float share = pell_thickness_transmission(table[pell_table_cell(place, 512)], table[i], place, 512);
     const float width = pell_lobe_width(model, x), value = lobe(width, x, 0.5f, 0.1f, 1.0f, 2.0f) + boundary(x) + scattered(x) + share;
-    const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
+    const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_inverse(0.5f, 0.25f));
     const pell_light_data light = lights[i];
     const float ray = met(vec3(x), vec3(width), vec3(place), vec3(1.0f, x, value));
     const float ends = spread(int(i), x) + child(i, x) + passed(x, 0.3f) + pell_unit_float(pell_hash(i));

@@ -201,7 +201,7 @@ static void tone_curve_and_its_inverse(void **state)
         for (float l = 0.01f; l <= white; l *= 1.7f) {
             const double shown = (double) l * (1.0 + (double) l * (double) a) / (1.0 + (double) l);
             REQUIRE_REL((double) (l * PELL_TONE_SCALE(1.0f, l, 1.0f, a)), shown, 1e-6);
-            REQUIRE_REL((double) pell_tone_before((float) shown, a), (double) l, 1e-4);
+            REQUIRE_REL((double) pell_tone_inverse((float) shown, a), (double) l, 1e-4);
         }
     }
     REQUIRE_NEAR((double) PELL_TONE_SCALE(3.0f, 0.7f, 0.0f, 0.0f), 3.0, 1e-6);

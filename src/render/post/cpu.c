@@ -98,7 +98,7 @@ static void unexpose_filmic(const struct task *t, const float shown[3], float rg
     float before[3];
 
     for (int c = 0; c < 3; c++)
-        before[c] = pell_filmic_before(fminf(from[c][0] * shown[0] + from[c][1] * shown[1] + from[c][2] * shown[2], 1.0f));
+        before[c] = pell_filmic_inverse(fminf(from[c][0] * shown[0] + from[c][1] * shown[1] + from[c][2] * shown[2], 1.0f));
     for (int c = 0; c < 3; c++)
         rgb[c] = fmaxf(to[c][0] * before[0] + to[c][1] * before[1] + to[c][2] * before[2], 0.0f) / (PELL_FILMIC_SCALE * t->exposure);
 }
@@ -106,7 +106,7 @@ static void unexpose_filmic(const struct task *t, const float shown[3], float rg
 /* The same for the selected curve. */
 static void unexpose(const struct task *t, const float shown[3], float rgb[3])
 {
-    const float l = pell_luminance(shown), before = t->curve ? pell_tone_before(l, t->white_scale) : l;
+    const float l = pell_luminance(shown), before = t->curve ? pell_tone_inverse(l, t->white_scale) : l;
     if (t->p->settings->tonemap == PELL_TONEMAP_FILMIC) {
         unexpose_filmic(t, shown, rgb);
         return;
