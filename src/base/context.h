@@ -34,7 +34,7 @@ struct pell_context {
     } warned[PELL_WARNING_KINDS];
     /* Files that were read: a hash table, at most half full, of devices and inodes, 0 and 0 if free; guarded by log_lock. */
     struct pell_file_id {
-        uint64_t device, number;
+        uint64_t device, inode;
     } * files;
     size_t num_files, file_slots;
 };

@@ -17,7 +17,11 @@
 #include <unistd.h>
 
 enum { SHOWN = 256, CHUNK = 16 << 20, SYNC = 2 * CHUNK };
-enum { STALE_SECONDS = 3600, STALE_LOOK = 65536, STALE_WRITES = 4 }; /* folder entries that are checked, by the first writes of a context */
+enum {
+    STALE_SECONDS = 3600,
+    STALE_MAX_ENTRIES = 65536,
+    STALE_WRITES = 4
+}; /* folder entries that are checked, by the first writes of a context */
 
 /* strerror is not thread-safe, and depends on the locale. */
 static const char *reason(int code)
@@ -81,9 +85,9 @@ static int read_all(const struct pell_context *ctx, int fd, uint8_t *data, size_
 
 static struct pell_file_id *slot_of(struct pell_file_id *files, size_t slots, struct pell_file_id id)
 {
-    size_t i = (size_t) ((id.device * 31 + id.number) * 0x9e3779b97f4a7c15u >> 32) & (slots - 1);
+    size_t i = (size_t) ((id.device * 31 + id.inode) * 0x9e3779b97f4a7c15u >> 32) & (slots - 1);
 
-    while ((files[i].device || files[i].number) && (files[i].device != id.device || files[i].number != id.number))
+    while ((files[i].device || files[i].inode) && (files[i].device != id.device || files[i].inode != id.inode))
         i = (i + 1) & (slots - 1);
     return &files[i];
 }
@@ -111,7 +115,7 @@ static enum pell_result remember(struct pell_context *ctx, const struct stat *st
     }
     if (res == PELL_OK) {
         slot = slot_of(ctx->files, ctx->file_slots, id);
-        ctx->num_files += !(slot->device || slot->number);
+        ctx->num_files += !(slot->device || slot->inode);
         *slot = id;
     }
     pthread_mutex_unlock(&ctx->log_lock);
@@ -129,7 +133,7 @@ bool pell_file_was_read(struct pell_context *ctx, const char *path)
     id = (struct pell_file_id) { (uint64_t) st.st_dev, (uint64_t) st.st_ino };
     pthread_mutex_lock(&ctx->log_lock);
     if (ctx->files)
-        found = slot_of(ctx->files, ctx->file_slots, id)->number != 0;
+        found = slot_of(ctx->files, ctx->file_slots, id)->inode != 0;
     pthread_mutex_unlock(&ctx->log_lock);
     return found;
 }
@@ -325,7 +329,7 @@ static void remove_stale(const char *path)
     memcpy(folder, path, length);
     folder[length] = '\0';
     dir = opendir(length ? folder : ".");
-    for (int i = 0; dir && i < STALE_LOOK && (entry = readdir(dir)); i++) {
+    for (int i = 0; dir && i < STALE_MAX_ENTRIES && (entry = readdir(dir)); i++) {
         const pid_t process = process_of(entry->d_name);
         struct stat st;
         if (process > 1 && fstatat(dirfd(dir), entry->d_name, &st, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(st.st_mode) &&

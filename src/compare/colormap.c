@@ -1,12 +1,11 @@
 /* SPDX-License-Identifier: MIT
  * colormap.c - colours of error maps. */
 #include "base/base.h"
+#include "math/vec.h"
 
 #include <pellucid/compare.h>
 
 #include <math.h>
-
-#define PI 3.14159265358979323846
 
 /* --- magma -------------------------------------------------------------------------------------------------------------------- */
 
@@ -91,6 +90,6 @@ void pell_color_diverging(float value, float srgb[3])
 
     to_msh(ends[v > 0.0], end);
     spin = end[0] < grey ? end[1] * sqrt(grey * grey - end[0] * end[0]) / (end[0] * sin(end[1])) : 0.0;
-    const double at[3] = { grey + t * (end[0] - grey), t * end[1], end[2] + (1.0 - t) * (end[2] > -PI / 3.0 ? spin : -spin) };
+    const double at[3] = { grey + t * (end[0] - grey), t * end[1], end[2] + (1.0 - t) * (end[2] > -PELL_PI / 3.0 ? spin : -spin) };
     from_msh(at, srgb);
 }

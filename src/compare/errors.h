@@ -78,7 +78,7 @@ static inline bool pell_inside(const struct pell_compare_input *in, size_t at)
 #define PELL_ERRORS_BAND 16
 
 /* From `pixels` and `floor` of out's metrics: mse to rel_bias, their standard errors, the agreement, and the map `relative`. Between begin
- * and finish all rows are added, in bands whose first row is a multiple of PELL_ERRORS_BAND and whose last one is, or is the image's last.
+ * and end all rows are added, in bands whose first row is a multiple of PELL_ERRORS_BAND and whose last one is, or is the image's last.
  * `in` may point to other planes each time: they begin with row `first`, and hold the rows of the band with PELL_ERRORS_REACH around. */
 struct pell_errors;
 PELL_NODISCARD enum pell_result pell_errors_begin(struct pell_context *ctx, struct pell_pool *pool, const struct pell_compare_input *in,

@@ -10,10 +10,10 @@
  */
 #include "compare/tile.h"
 
+#include "math/vec.h"
+
 #include <math.h>
 #include <string.h>
-
-#define PI 3.14159265358979323846
 
 /* Of XYZ over the white, from the primaries of Rec.709 and D65 with x = 0.3127, y = 0.3290 as fractions: each row sums to 1. */
 static const double rgb_to_xyz[9] = {
@@ -92,18 +92,18 @@ static void prepare_features(double ppd, struct pell_flip_filters *f)
 void pell_flip_prepare(double ppd, struct pell_flip_filters *f)
 {
     static const double blue_yellow[2][2] = { { 34.1, 0.04 }, { 13.5, 0.025 } }, green[3] = { 0, 1, 0 }, blue[3] = { 0, 0, 1 };
-    const double sd_a = sqrt(0.0047 / (2.0 * PI * PI)) * ppd, sd_rg = sqrt(0.0053 / (2.0 * PI * PI)) * ppd;
+    const double sd_a = sqrt(0.0047 / (2.0 * PELL_PI * PELL_PI)) * ppd, sd_rg = sqrt(0.0053 / (2.0 * PELL_PI * PELL_PI)) * ppd;
     double inverse[9], weight[2], a[3], b[3], end;
 
     memset(f, 0, sizeof(*f));
-    f->blue_yellow_radius = (int) ceil(3.0 * sqrt(0.04 / (2.0 * PI * PI)) * ppd);
+    f->blue_yellow_radius = (int) ceil(3.0 * sqrt(0.04 / (2.0 * PELL_PI * PELL_PI)) * ppd);
     f->achromatic_radius = at_most(ceil(6.0 * sd_a), f->blue_yellow_radius);
     f->red_green_radius = at_most(ceil(6.0 * sd_rg), f->blue_yellow_radius);
     gaussian(sd_a, f->achromatic_radius, f->achromatic);
     gaussian(sd_rg, f->red_green_radius, f->red_green);
     for (int i = 0; i < 2; i++) {
-        const double sum = gaussian(sqrt(blue_yellow[i][1] / (2.0 * PI * PI)) * ppd, f->blue_yellow_radius, f->blue_yellow[i]);
-        weight[i] = blue_yellow[i][0] * sqrt(PI / blue_yellow[i][1]) * sum * sum;
+        const double sum = gaussian(sqrt(blue_yellow[i][1] / (2.0 * PELL_PI * PELL_PI)) * ppd, f->blue_yellow_radius, f->blue_yellow[i]);
+        weight[i] = blue_yellow[i][0] * sqrt(PELL_PI / blue_yellow[i][1]) * sum * sum;
     }
     for (int i = 0; i < 2; i++)
         f->blue_yellow_weight[i] = (float) (weight[i] / (weight[0] + weight[1]));

@@ -104,7 +104,7 @@ static enum pell_result check_frame(struct pell_context *ctx, const struct pell_
     return pell_image_check_memory(ctx, src->name, pixels * planes * (f->scans > 1 ? 3 : 1));
 }
 
-/* CMYK to RGB without a profile, in place from 4 to 3 bytes per pixel: white times the transmittance of each ink and black. */
+/* CMYK to RGB without a profile, from 4 to 3 bytes per pixel: white times the transmittance of each ink and black. */
 static void cmyk_to_rgb(uint8_t *pixels, const uint8_t *cmyk, size_t count, bool inverted)
 {
     const unsigned flip = inverted ? 0 : 255;

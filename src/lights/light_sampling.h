@@ -30,7 +30,7 @@ size_t pell_light_sampler_count(const struct pell_light_sampler *light_sampler);
 struct pell_light_sample {
     int source;
     bool distant;            /* infinitely far: `toward` is valid, `at` is not */
-    bool delta;              /* point, spot, directional: no ray hits it by chance */
+    bool delta;              /* point, spot, directional: no random ray hits it */
     struct pell_vec3 at;     /* mm */
     struct pell_vec3 normal; /* rect, disc: unit, on the emitting side */
     struct pell_vec3 toward; /* distant: unit, from the scene to the light */

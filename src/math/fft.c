@@ -4,6 +4,7 @@
 
 #include "base/simd.h"
 #include "math/fft_kernels.h"
+#include "math/vec.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -63,7 +64,7 @@ size_t pell_fft_table(int n)
 
 static void root_of_unity(double k, double n, float *out)
 {
-    const double angle = -2.0 * 3.14159265358979323846 * k / n;
+    const double angle = -2.0 * PELL_PI * k / n;
     out[0] = (float) cos(angle);
     out[1] = (float) sin(angle);
 }

@@ -7,15 +7,15 @@
 #include "shared/language.h"
 
 /* Lower limit of a pixel's cosines to the geometric normal and to the viewer. */
-#define PELL_BEND 0.01f
+#define PELL_MIN_VISIBLE_COSINE 0.01f
 
-/* To the right of the axis. */
+/* Position in that plane to the right of the optical axis. */
 PELL_SHARED float pell_camera_right(float x, float shift_x, float width, float focal_px)
 {
     return (x + 0.5f + shift_x - 0.5f * width) / focal_px;
 }
 
-/* Above it. */
+/* Position in that plane above the optical axis. */
 PELL_SHARED float pell_camera_up(float y, float shift_y, float height, float focal_px)
 {
     return (0.5f * height - y - 0.5f - shift_y) / focal_px;
@@ -25,7 +25,7 @@ PELL_SHARED float pell_camera_up(float y, float shift_y, float height, float foc
  * half-space. */
 PELL_SHARED float pell_bend_missing(float cosine)
 {
-    const float missing = PELL_BEND - cosine;
+    const float missing = PELL_MIN_VISIBLE_COSINE - cosine;
     return missing > 0.0f ? missing : 0.0f;
 }
 

@@ -48,8 +48,8 @@ PELL_SHARED float pell_curvature_round(float mean, float thinness)
     return round * (1.8f - 0.8f * round);
 }
 
-/* Shift of the entry point by the first scattering event at a mean free path along the refracted direction, `path`, in curvature radii;
- * clamped (struct pell_curvature_effects). */
+/* Shift of the cosine mu of incident light on a curved surface, to mu + shift (1 - 3 mu^2) (render/curvature/stage.h): `mean` curvature times
+ * `path`, the mean free path over the index of refraction; clamped. */
 PELL_SHARED float pell_curvature_shift(float mean, float path)
 {
     const float shift = mean * path, above = shift > -PELL_CURVATURE_SHIFT ? shift : -PELL_CURVATURE_SHIFT;
@@ -57,7 +57,7 @@ PELL_SHARED float pell_curvature_shift(float mean, float path)
 }
 
 /* Single scattering that a ball returns of uniform light, over that of a half-space: 1/(1 - mean free path over radius), within 5 % for
- * radii of 5 and more mean free paths. `shift`: refracted, as above. */
+ * radii of 5 and more mean free paths. `shift`: that of pell_curvature_shift, over the index of refraction. */
 PELL_SHARED float pell_curvature_single(float shift, float inverse_eta2)
 {
     const float inverse_eta = sqrtf(inverse_eta2), bend = inverse_eta > 0.0f ? shift / inverse_eta : 0.0f;

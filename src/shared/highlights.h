@@ -36,7 +36,8 @@ PELL_SHARED float pell_highlights_share(float radius_mm, float pixel_mm)
     return pell_saturate(2.0f - 4.0f * radius_mm / pixel_mm);
 }
 
-/* Filtered highlight or irradiance: this fraction of the unoccluded light; of the `all` samples around, `seen` are visible. */
+/* Filtered highlight or irradiance: the fraction `visibility` of the unoccluded light, which is `light` + `hidden`, if any of the `all`
+ * samples around is occluded; `seen` of them are visible. */
 PELL_SHARED float pell_highlights_filtered(float light, float hidden, float visibility, float seen, float all)
 {
     return all > seen ? (light + hidden) * visibility : light;

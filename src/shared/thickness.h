@@ -17,10 +17,10 @@ PELL_SHARED float pell_thickness_cosine(float nl, float gl)
     return c > 1e-6f ? c : 1e-6f;
 }
 
-/* Thickness, mm, of a part that a ray crosses within m mm: the distance of parallel faces. */
-PELL_SHARED float pell_thickness_of(float m, float cosine, float same)
+/* Thickness, mm, of a part that a ray crosses after `path` mm at this cosine: the distance between the faces if they are parallel. */
+PELL_SHARED float pell_thickness_of(float path, float cosine, float same)
 {
-    return m + (m * cosine - m) * (same < 0.0f ? -same : 0.0f);
+    return path + (path * cosine - path) * (same < 0.0f ? -same : 0.0f);
 }
 
 /* Degree to which the faces oppose: weight of the slab's table. */
@@ -46,10 +46,10 @@ PELL_SHARED float pell_thickness_facing(float facing, float mu, float ng)
     return g < 1.0f ? g : 1.0f;
 }
 
-/* Factor of exiting light that travelled d mm: reaches `pass`, that of light from the depth, at 1/per. See render/angle.h. */
-PELL_SHARED float pell_thickness_exit(float per, float d, float pass)
+/* Factor of exiting light that travelled `path` mm: from 1 at 0 to `pass`, that of light from the depth, at 1/per mm. See render/angle.h. */
+PELL_SHARED float pell_thickness_exit(float per, float path, float pass)
 {
-    const float thick = per * d, deep = thick < 1.0f ? thick : 1.0f;
+    const float thick = per * path, deep = thick < 1.0f ? thick : 1.0f;
     return 1.0f + deep * (pass - 1.0f);
 }
 

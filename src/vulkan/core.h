@@ -88,7 +88,7 @@ struct pell_gpu {
     char shaders[1024];         /* folder whose files replace built-in shaders; "": none */
     struct pell_vk_code *codes; /* loaded files of that folder */
     bool borrowed;              /* instance and device are the caller's */
-    bool locks;                 /* objects created from now on are locked */
+    bool locks;                 /* the mutexes below are initialised */
     pthread_mutex_t queue_lock;
     pthread_mutex_t memory_lock;
     pthread_mutex_t codes_lock;

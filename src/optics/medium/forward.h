@@ -50,7 +50,7 @@ struct pell_forward {
     float sigma_t_reduced[3], sigma_a[3], sigma_s_reduced[3]; /* 1/mm */
     float sigma_t[3];                                         /* 0: no forward scattering in this channel */
     float spread[3];                                          /* 1/mm: kappa - sigma_a, kappa the decay rate of beams with depth */
-    /* radiant exitance per radiance of uniform light inside: pi (1 - Fdr), where the radiance that is transmitted falls by eta^2 */
+    /* sr: radiant exitance over the radiance of uniform light inside, pi (1 - Fdr) */
     float exitance;
     float thickest; /* mm: slabs in the table are thickest (i/(PELL_FORWARD_STEPS - 1))^2 thick */
     /* Fraction of the light that these slabs transmit that is not in broad beams and exits diffusely. */
@@ -85,7 +85,7 @@ static inline float pell_forward_phase(float g, float c)
 static inline float pell_forward_lobe_within(float narrow, float g, float peak, float c)
 {
     const float wide = g < narrow ? g : narrow, tail = (1.0f - g * g) / (1.0f - wide * wide);
-    const float x = c < PELL_FORWARD_ASIDE ? c > 0.0f ? c / PELL_FORWARD_ASIDE : 0.0f : 1.0f, fade = x * x * (3.0f - 2.0f * x);
+    const float fade = smooth_ramp(0.0f, PELL_FORWARD_ASIDE, c);
     const float sharp = tail < 1.0f ? (1.0f - tail) * peak * 0.159154943f * expf(peak * (c - 1.0f)) : 0.0f;
 
     return fade * (tail * pell_forward_phase(wide, c) + sharp);

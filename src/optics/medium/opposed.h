@@ -21,6 +21,8 @@
 #ifndef PELL_OPPOSED_H
 #define PELL_OPPOSED_H
 
+#include "math/scalar.h"
+
 #include <pellucid/profile.h>
 
 #include <math.h>
@@ -120,9 +122,7 @@ static inline float pell_opposed_split(const struct pell_opposed *o, const struc
  * degrees apart are mostly visible together, and transport between them would count twice. */
 static inline float pell_opposed_unseen(float facing)
 {
-    const float t = (PELL_OPPOSED_SEEN - facing) / (PELL_OPPOSED_SEEN - PELL_OPPOSED_HIDDEN), x = t < 0.0f ? 0.0f : t > 1.0f ? 1.0f : t;
-
-    return x * x * (3.0f - 2.0f * x);
+    return smooth_ramp(PELL_OPPOSED_SEEN, PELL_OPPOSED_HIDDEN, facing);
 }
 
 /* R: the profile over the distance, 1/mm^2; replaced by the result. */

@@ -235,8 +235,9 @@ static void map_normals(struct hits *h, struct vec16 *restrict n)
     }
 }
 
-/* Moves n to the nearest normal in the half-space n . to >= PELL_BEND, if it is not there: the projection onto that half-space. What is
- * interpolated and mapped may point away from the viewer where the triangle does not; shaded as it is, silhouettes would be black. */
+/* Moves n to the nearest normal in the half-space n . to >= PELL_MIN_VISIBLE_COSINE, if it is not there: the projection onto that
+ * half-space. What is interpolated and mapped may point away from the viewer where the triangle does not; shaded as it is, silhouettes
+ * would be black. */
 static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
 {
     float16 missing;
