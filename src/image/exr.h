@@ -19,7 +19,7 @@ struct exr_file {
 /* One part, checked. */
 struct exr_part {
     int index;
-    bool tiled, uncompressed;                        /* not compressed */
+    bool tiled, uncompressed;
     int32_t lines, tile_width, tile_height;          /* of one chunk */
     int64_t data_x, data_y, data_width, data_height; /* data window, relative to the display window's corner */
     int width, height;                               /* display window */

@@ -46,7 +46,7 @@ static void add_bins(const float *kernels, int rows, const float (*bins)[4], flo
 static void add_row(const struct pell_env_row *row, int from, int to, const struct pell_env_lobe *lobe, float sums[4][PELL_ENV_WIDE])
 {
     const float *azimuth = lobe->azimuth, a = lobe->a, b = lobe->b, a2 = lobe->a2;
-    const float solid_angle = row->solid_angle * a2;
+    const float scale = row->solid_angle * a2;
     float sum[4][PELL_ENV_WIDE];
 
     memcpy(sum, sums, sizeof(sum));
@@ -56,7 +56,7 @@ static void add_row(const struct pell_env_row *row, int from, int to, const stru
         for (int k = 0; k < PELL_ENV_WIDE; k++) {
             const float cosine = a + b * (azimuth[1] * c[k] + azimuth[0] * s[k]);
             const float d = 0.5f * (1.0f - cosine) + 0.5f * (1.0f + cosine) * a2; /* sin^2 + alpha^2 cos^2 of the half angle */
-            const float w = cosine > 0.0f && i + k < to ? solid_angle * cosine / (d * d) : 0.0f;
+            const float w = cosine > 0.0f && i + k < to ? scale * cosine / (d * d) : 0.0f;
             sum[0][k] += w * red[k];
             sum[1][k] += w * green[k];
             sum[2][k] += w * blue[k];

@@ -93,7 +93,7 @@ static bool split_region(const struct pell_env_map *m, float clamp, struct regio
 static void set_extent(const struct pell_env_map *m, float clamp, const struct region *r, struct pell_light_source *source)
 {
     struct pell_vec3 t, b;
-    double tt = 0.0, tb = 0.0, bb = 0.0, angle, mean, half_difference; /* of the eigenvalues of the covariance matrix */
+    double tt = 0.0, tb = 0.0, bb = 0.0, angle, mean, half_difference; /* the last two: of the eigenvalues of the covariance */
 
     vec3_basis(source->direction, &t, &b);
     for (int y = r->y0; y < r->y1; y++)

@@ -15,7 +15,7 @@ struct pell_sampled_environment {
     int width, height;           /* of the image; 0: constant */
     double *rows;                /* cumulative distribution over rows of cells; height + 1 entries */
     uint32_t *columns;           /* per row: cumulative distribution over its cells, scaled by 2^32, minus 1 */
-    double energy;               /* luminance over the sphere, sr W/(m^2 sr) */
+    double energy;               /* luminance integrated over the sphere, W/m^2 */
     double fraction, cumulative; /* fraction of all environments' energy; and cumulative, including this one */
 };
 

@@ -32,11 +32,11 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
 {
     const double sigma_t_reduced = medium->sigma_a[channel] + medium->sigma_s_reduced[channel], g = medium->g[channel];
     const double albedo_reduced = medium->sigma_s_reduced[channel] / sigma_t_reduced, eta = medium->eta;
-    const double g_in = fmin(fmax(g, pell_photon_table_data.g[0]), pell_photon_table_data.g[PELL_TABLE_G - 1]);
+    const double g_clamped = fmin(fmax(g, pell_photon_table_data.g[0]), pell_photon_table_data.g[PELL_TABLE_G - 1]);
     /* Single scattering with the medium's own g, the rest with g clamped to the table's range. */
     const double albedo = pell_albedo_of_reduced(albedo_reduced, g), extinction_ratio = 1.0 / (1.0 - albedo * g);
-    const double albedo_in = pell_albedo_of_reduced(albedo_reduced, g_in);
-    const double kappa = pell_transport_kappa(albedo_in, g_in) / (1.0 - albedo_in * g_in);
+    const double albedo_clamped = pell_albedo_of_reduced(albedo_reduced, g_clamped);
+    const double kappa = pell_transport_kappa(albedo_clamped, g_clamped) / (1.0 - albedo_clamped * g_clamped);
     const double end = fmin(DARK / fmax(kappa, 1e-300), PELL_TABLE_R_MIN * pow(10.0, (PELL_TABLE_R - 1.0) / PELL_TABLE_PER_DECADE));
     struct pell_single single;
     double y[PELL_TABLE_R], multiple, total;
@@ -46,15 +46,15 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
         return PELL_ERR_UNSUPPORTED; /* the table was simulated with a smooth boundary */
     if (albedo == 0.0)
         return PELL_OK;
-    pell_multiple(albedo_reduced, g_in, eta, y, &multiple);
+    pell_multiple(albedo_reduced, g_clamped, eta, y, &multiple);
     pell_single_make(g, eta, &single);
-    total = albedo_in * albedo_in * multiple;
+    total = albedo_clamped * albedo_clamped * multiple;
     if (!params->without_single)
         total = fmin(1.0, total + albedo * single.total);
 
     for (; count < PELL_PROFILE_NODES; count++) {
         const double x = log(FIRST) + log(10.0) / PER_DECADE * count, r = exp(x), area = 2.0 * PELL_PI * r * r;
-        double value = albedo_in * albedo_in * exp(between(y, x) - kappa * r) / area;
+        double value = albedo_clamped * albedo_clamped * exp(between(y, x) - kappa * r) / area;
         if (r > end * (1.0 + 1e-9))
             break;
         if (!params->without_single)
