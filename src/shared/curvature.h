@@ -48,8 +48,8 @@ PELL_SHARED float pell_curvature_round(float mean, float thinness)
     return round * (1.8f - 0.8f * round);
 }
 
-/* Shift of the cosine mu of incident light on a curved surface, to mu + shift (1 - 3 mu^2) (render/curvature/stage.h): `mean` curvature times
- * `path`, the mean free path over the index of refraction; clamped. */
+/* Shift of the cosine mu of light incident on a curved surface, to mu + shift (1 - 3 mu^2) (render/curvature/stage.h): `mean` curvature
+ * times `path`, the mean free path over the index of refraction; clamped. */
 PELL_SHARED float pell_curvature_shift(float mean, float path)
 {
     const float shift = mean * path, above = shift > -PELL_CURVATURE_SHIFT ? shift : -PELL_CURVATURE_SHIFT;

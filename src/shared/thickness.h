@@ -46,7 +46,7 @@ PELL_SHARED float pell_thickness_facing(float facing, float mu, float ng)
     return g < 1.0f ? g : 1.0f;
 }
 
-/* Factor of exiting light that travelled `path` mm: from 1 at 0 to `pass`, that of light from the depth, at 1/per mm. See render/angle.h. */
+/* Factor of exiting light that travelled `path` mm: from 1 at 0 to `pass`, that of light from the depth, at 1/per mm (render/angle.h). */
 PELL_SHARED float pell_thickness_exit(float per, float path, float pass)
 {
     const float thick = per * path, deep = thick < 1.0f ? thick : 1.0f;
