@@ -42,7 +42,7 @@ static enum pell_result keep_stack(struct pell_renderer *r, const struct pell_ma
     struct pell_scene_materials *out = &r->materials;
     struct pell_stack stack;
 
-    if (!pell_scene_layers_whole(m, &stack))
+    if (!pell_scene_profile_stack(m, &stack))
         return PELL_OK;
     out->stack[out->num_stacks] = pell_alloc(r->ctx, sizeof(stack));
     if (!out->stack[out->num_stacks])

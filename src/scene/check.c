@@ -29,7 +29,7 @@ enum kind {
 
 /* Properties that coincident copies of an object share (but not only they); the sums are computed only for objects with equal triangle
  * counts. */
-struct likeness {
+struct signature {
     int64_t triangles;
     double sum[3], square; /* sums over the corners' positions, in their order */
     size_t object;
@@ -41,7 +41,7 @@ struct check {
     const struct pell_scene *scene;
     struct pell_context *ctx;
     struct pell_scene_report *report;
-    struct likeness *likeness; /* per object of the report */
+    struct signature *signature; /* per object of the report */
     size_t capacity;
     int64_t found[KINDS];
     enum pell_severity severity[KINDS]; /* the worst severity of the problems that are only counted */
@@ -100,7 +100,7 @@ static PELL_PRINTF(5, 6) enum pell_result
     return add_problem(k, severity, where, what);
 }
 
-static const char *name_place(const char *kind, const char *name, struct pell_text *text)
+static const char *describe_subject(const char *kind, const char *name, struct pell_text *text)
 {
     char shown[96];
 
@@ -147,7 +147,7 @@ bool pell_object_is_hollow(const struct pell_object_report *o)
 }
 
 /* The longest mean free path of the object's translucent materials; 0 if it has none. */
-static double longest_path(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_material **which)
+static double longest_mean_free_path(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_material **which)
 {
     double longest = 0.0;
 
@@ -155,9 +155,9 @@ static double longest_path(const struct pell_scene *scene, const struct pell_top
     for (size_t i = 0; i < t->num_meshes; i++) {
         const struct pell_material *m = &scene->materials[scene->meshes[t->mesh[i]].material];
         for (int c = 0; c < 3 && !m->opaque && !m->profile && m->gaussians.count == 0; c++) {
-            const double path = pell_mean_free_path(&m->medium, c);
-            if (path > longest) {
-                longest = path;
+            const double mfp = pell_mean_free_path(&m->medium, c);
+            if (mfp > longest) {
+                longest = mfp;
                 *which = m;
             }
         }
@@ -165,12 +165,12 @@ static double longest_path(const struct pell_scene *scene, const struct pell_top
     return longest;
 }
 
-static enum pell_result judge(struct check *k, const struct pell_topology *t, const struct pell_object_report *o)
+static enum pell_result report_object(struct check *k, const struct pell_topology *t, const struct pell_object_report *o)
 {
     const struct pell_material *thinnest;
-    const double path = longest_path(k->scene, t, &thinnest), size = o->thickness_mm > 0.0 ? o->thickness_mm : t->scale;
+    const double mfp = longest_mean_free_path(k->scene, t, &thinnest), size = o->thickness_mm > 0.0 ? o->thickness_mm : t->scale;
     struct pell_text text;
-    const char *where = name_place("object", o->name, &text);
+    const char *where = describe_subject("object", o->name, &text);
     bool translucent = false;
     enum pell_result res;
 
@@ -201,12 +201,12 @@ static enum pell_result judge(struct check *k, const struct pell_topology *t, co
             add(k, FACETED, PELL_SEVERITY_NOTE, where, "has the normals of its flat triangles, which show: --normals smooth rounds it"));
     if (o->holds_camera)
         PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));
-    if (path > size && !pell_object_is_hollow(o))
+    if (mfp > size && !pell_object_is_hollow(o))
         PELL_TRY(
             add(k, THIN, PELL_SEVERITY_WARNING, where,
                 "light goes %.3g mm in \"%s\" between two scattering events, but the object is %.3g mm %s: diffusion does not hold; is "
                 "the size right?",
-                path, thinnest->name, size, o->thickness_mm > 0.0 ? "thick on average" : "large"));
+                mfp, thinnest->name, size, o->thickness_mm > 0.0 ? "thick on average" : "large"));
     return PELL_OK;
 
 fail:
@@ -228,7 +228,7 @@ static bool encloses_camera(const struct pell_scene *scene, const struct pell_to
     return fabs(sum) > 2.0 * PELL_PI;
 }
 
-static void measure_likeness(const struct pell_scene *scene, struct likeness *l)
+static void measure_signature(const struct pell_scene *scene, struct signature *l)
 {
     for (size_t m = 0; m < l->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[l->meshes[m]];
@@ -241,9 +241,9 @@ static void measure_likeness(const struct pell_scene *scene, struct likeness *l)
     }
 }
 
-static int by_likeness(const void *a, const void *b)
+static int by_signature(const void *a, const void *b)
 {
-    const struct likeness *l = a, *r = b;
+    const struct signature *l = a, *r = b;
 
     if (l->triangles != r->triangles)
         return l->triangles < r->triangles ? -1 : 1;
@@ -255,17 +255,17 @@ static int by_likeness(const void *a, const void *b)
     return 0;
 }
 
-static int by_likeness_then_order(const void *a, const void *b)
+static int by_signature_then_order(const void *a, const void *b)
 {
-    const struct likeness *l = a, *r = b;
-    const int order = by_likeness(a, b);
+    const struct signature *l = a, *r = b;
+    const int order = by_signature(a, b);
 
     return order ? order : l->object < r->object ? -1 : l->object > r->object;
 }
 
 struct corners {
     const struct pell_scene *scene;
-    const struct likeness *of;
+    const struct signature *of;
     size_t mesh, corner; /* the next corner */
 };
 
@@ -282,7 +282,7 @@ static const float *next_corner(struct corners *k)
     return NULL;
 }
 
-static bool coincide(const struct pell_scene *scene, const struct likeness *a, const struct likeness *b)
+static bool coincide(const struct pell_scene *scene, const struct signature *a, const struct signature *b)
 {
     struct corners p = { .scene = scene, .of = a }, q = { .scene = scene, .of = b };
 
@@ -303,24 +303,24 @@ static enum pell_result find_coincident(struct check *k)
     struct pell_text text;
     enum pell_result res;
 
-    qsort(k->likeness, count, sizeof(*k->likeness), by_likeness_then_order);
+    qsort(k->signature, count, sizeof(*k->signature), by_signature_then_order);
     for (size_t i = 0; i < count; i++) {
-        struct likeness *l = &k->likeness[i];
+        struct signature *l = &k->signature[i];
         if ((i > 0 && l[-1].triangles == l->triangles) || (i + 1 < count && l[1].triangles == l->triangles))
-            measure_likeness(k->scene, l);
+            measure_signature(k->scene, l);
     }
-    qsort(k->likeness, count, sizeof(*k->likeness), by_likeness_then_order);
+    qsort(k->signature, count, sizeof(*k->signature), by_signature_then_order);
     for (size_t i = 1; i < count; i++) {
-        const struct likeness *l = &k->likeness[i];
+        const struct signature *l = &k->signature[i];
         char other[96];
         if (pell_cancelled(k->ctx)) {
             res = PELL_ERR_CANCELLED;
             goto fail;
         }
-        if (by_likeness(l - 1, l) != 0 || l->triangles == 0 || !coincide(k->scene, l - 1, l))
+        if (by_signature(l - 1, l) != 0 || l->triangles == 0 || !coincide(k->scene, l - 1, l))
             continue;
         objects[l->object].coincident = (int) l[-1].object;
-        PELL_TRY(add(k, COINCIDENT, PELL_SEVERITY_WARNING, name_place("object", objects[l->object].name, &text),
+        PELL_TRY(add(k, COINCIDENT, PELL_SEVERITY_WARNING, describe_subject("object", objects[l->object].name, &text),
                      "has exactly the same surface as \"%s\": each hides the other: remove one of them",
                      pell_printable(objects[l[-1].object].name, other, sizeof(other))));
     }
@@ -345,8 +345,8 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
     parts = pell_alloc_array(k->ctx, t.num_parts, sizeof(*parts));
     res = PELL_ERR_NOMEM;
     if (o->name && parts) {
-        k->likeness[k->report->num_objects] =
-            (struct likeness) { .triangles = t.num_triangles, .object = k->report->num_objects, .meshes = meshes, .num_meshes = count };
+        k->signature[k->report->num_objects] =
+            (struct signature) { .triangles = t.num_triangles, .object = k->report->num_objects, .meshes = meshes, .num_meshes = count };
         k->report->num_objects++;
         o->material = k->scene->meshes[meshes[0]].material;
         pell_topology_parts(&t, k->scene, parts);
@@ -354,7 +354,7 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
         o->faceted = pell_is_faceted(k->scene, &t);
         o->holds_camera = o->closed && encloses_camera(k->scene, &t, parts);
         k->report->triangles += o->triangles;
-        res = pell_cancelled(k->ctx) ? PELL_ERR_CANCELLED : judge(k, &t, o);
+        res = pell_cancelled(k->ctx) ? PELL_ERR_CANCELLED : report_object(k, &t, o);
     } else {
         pell_free(k->ctx, o->name);
     }
@@ -379,8 +379,8 @@ static enum pell_result check_objects(struct check *k)
     for (size_t i = 0; i < scene->num_meshes; i++)
         objects += i == 0 || scene->meshes[order[i]].object != scene->meshes[order[i - 1]].object;
     k->report->objects = pell_calloc(k->ctx, objects, sizeof(*k->report->objects));
-    k->likeness = pell_alloc_array(k->ctx, objects, sizeof(*k->likeness));
-    if (!k->report->objects || !k->likeness)
+    k->signature = pell_alloc_array(k->ctx, objects, sizeof(*k->signature));
+    if (!k->report->objects || !k->signature)
         goto fail;
     for (size_t i = 0, end; i < scene->num_meshes; i = end) {
         for (end = i + 1; end < scene->num_meshes && scene->meshes[order[end]].object == scene->meshes[order[i]].object; end++)
@@ -391,7 +391,7 @@ static enum pell_result check_objects(struct check *k)
     res = find_coincident(k);
 
 fail:
-    pell_free(k->ctx, k->likeness);
+    pell_free(k->ctx, k->signature);
     pell_free(k->ctx, order);
     pell_free(k->ctx, scratch);
     return res;
@@ -422,7 +422,7 @@ static enum pell_result check_maps(struct check *k)
         const struct pell_material *m = &k->scene->materials[mesh->material];
         const int uv = pell_scene_missing_uv(mesh, m);
         if (uv >= 0)
-            PELL_TRY(add(k, NO_UV, PELL_SEVERITY_WARNING, name_place("mesh", mesh->name, &text),
+            PELL_TRY(add(k, NO_UV, PELL_SEVERITY_WARNING, describe_subject("mesh", mesh->name, &text),
                          "has no texture coordinates (UV set %d), which the textures of \"%s\" need", uv, m->name));
     }
     return PELL_OK;
@@ -488,7 +488,7 @@ static enum pell_result check_materials(struct check *k)
         translucent |= used[i] && (!m->opaque || pell_material_is_thin(m));
         if (!used[i] || m->opaque)
             continue;
-        PELL_TRY(describe_medium(k, m, name_place("material", m->name, &text)));
+        PELL_TRY(describe_medium(k, m, describe_subject("material", m->name, &text)));
     }
     res = translucent
               ? PELL_OK

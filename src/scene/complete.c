@@ -9,7 +9,7 @@
 
 #define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay well within a float's range */
 #define SMALLEST_PICTURE 1e-6f   /* mm, extent of an orthographic view: a nanometre */
-#define SMALLEST 5e-4f           /* mm, extent of a scene: half a micrometre */
+#define SMALLEST_EXTENT 5e-4f    /* mm, extent of a scene: half a micrometre */
 #define COARSEST 1e-3f           /* of the scene's extent: the largest spacing of floats that still represents the shape */
 #define NO_LENGTH 1e-30f         /* shorter vectors have no direction: their inverse length would overflow */
 
@@ -329,7 +329,7 @@ static enum pell_result check_light(struct pell_scene *scene, struct pell_light 
     }
     if (!make_unit(l->up))
         vec3_store(vec3(0, 1, 0), l->up);
-    pell_scene_square(l->direction, l->up);
+    pell_scene_orthogonalize(l->direction, l->up);
     return PELL_OK;
 }
 
@@ -350,13 +350,13 @@ static enum pell_result check_camera(struct pell_scene *scene, struct pell_camer
         return bad_value(scene, "camera", c->name, "the length of its forward vector", 0.0, FLT_MIN, FLT_MAX);
     if (!make_unit(c->up))
         vec3_store(vec3(0, 1, 0), c->up);
-    pell_scene_square(c->forward, c->up);
+    pell_scene_orthogonalize(c->forward, c->up);
     return PELL_OK;
 }
 
 /* --- Objects ------------------------------------------------------------------------------------------------------------------ */
 
-static void object_place(const struct pell_scene *scene, const char *name, struct pell_text *where)
+static void describe_object(const struct pell_scene *scene, const char *name, struct pell_text *where)
 {
     char shown[96];
 
@@ -386,19 +386,19 @@ static enum pell_result make_topology(struct pell_scene *scene, const uint32_t *
 
 static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count, bool quiet)
 {
-    enum pell_result (*const turn[])(struct pell_scene *, const struct pell_topology *, const char *, bool *) = { pell_even_winding,
-                                                                                                                  pell_turn_outward };
+    enum pell_result (*const reorient[])(struct pell_scene *, const struct pell_topology *, const char *,
+                                         bool *) = { pell_make_winding_consistent, pell_orient_outward };
     struct pell_text where = { 0 };
     struct pell_topology t;
     enum pell_result res;
 
     if (pell_cancelled(scene->ctx))
         return PELL_ERR_CANCELLED;
-    object_place(scene, scene->meshes[meshes[0]].name, &where);
+    describe_object(scene, scene->meshes[meshes[0]].name, &where);
     PELL_TRY(make_topology(scene, meshes, count, where.str, &t));
-    for (size_t i = 0; i < PELL_COUNT(turn) && res == PELL_OK; i++) {
+    for (size_t i = 0; i < PELL_COUNT(reorient) && res == PELL_OK; i++) {
         bool flipped = false;
-        res = turn[i](scene, &t, where.str, &flipped);
+        res = reorient[i](scene, &t, where.str, &flipped);
         /* Flipping triangles swaps corners: half-edges and face normals must be recomputed. */
         if (res == PELL_OK && flipped) {
             pell_topology_finish(&t);
@@ -493,12 +493,12 @@ static enum pell_result check_size(struct pell_scene *scene)
     const float extent = fmaxf(max[0] - min[0], fmaxf(max[1] - min[1], max[2] - min[2]));
     float farthest = 0.0f;
 
-    if (extent > 0.0f && extent < SMALLEST)
+    if (extent > 0.0f && extent < SMALLEST_EXTENT)
         return pell_error(scene->ctx, scene->from_file ? PELL_ERR_FORMAT : PELL_ERR_INVALID, scene->path,
                           "--size 70mm: the largest extent; --unit 1mm: what one unit is",
                           "the largest extent is %.3g mm, allowed: %g mm or more: objects smaller than a wavelength of light cast no "
                           "shadow",
-                          (double) extent, (double) SMALLEST);
+                          (double) extent, (double) SMALLEST_EXTENT);
     if (extent < 0.1f || extent > 1e5f)
         pell_warn(scene->ctx, scene->path, "is the unit or size right? --size 70mm: the largest extent; --unit 1mm: what one unit is",
                   "the largest extent is %g mm, which is %s for a translucent object", (double) extent, extent < 0.1f ? "tiny" : "huge");
@@ -530,16 +530,16 @@ static enum pell_result complete_view(struct pell_scene *scene, const struct pel
     bool ground;
     enum pell_result res;
 
-    if (extras->view.from)
+    if (extras->view.has_from)
         PELL_TRY(pell_scene_frame_from(scene, &extras->view, params->aspect > 0.0f ? params->aspect : extras->aspect));
     else if (scene->num_cameras == 0)
         PELL_TRY(pell_scene_frame(scene, params->aspect > 0.0f ? params->aspect : extras->aspect));
-    if (extras->view.lights)
+    if (extras->view.has_studio)
         pell_scene_drop_lights(scene);
-    if ((extras->studio && !around->environment) || extras->view.lights || (scene->num_lights == 0 && !extras->no_lights))
+    if ((extras->studio && !around->environment) || extras->view.has_studio || (scene->num_lights == 0 && !extras->own_lights))
         PELL_TRY(pell_scene_studio(scene, extras->view.studio));
-    ground = extras->view.lights ? pell_studio_has_backdrop(extras->view.studio) && scene->background == PELL_BACKGROUND_COLOR
-                                 : extras->backdrop && !around->environment;
+    ground = extras->view.has_studio ? pell_studio_has_backdrop(extras->view.studio) && scene->background == PELL_BACKGROUND_COLOR
+                                     : extras->backdrop && !around->environment;
     if (extras->ground || params->ground || (ground && !around->background))
         PELL_TRY(pell_scene_ground(scene, extras->ground_material));
     if (scene->from_file && scene->background == PELL_BACKGROUND_COLOR && scene->ground_mesh < 0 && !extras->own_background &&
@@ -574,7 +574,7 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
         goto fail;
     }
     PELL_TRY(check_size(scene));
-    PELL_TRY(complete_objects(scene, !params || params->bare));
+    PELL_TRY(complete_objects(scene, params->bare));
     PELL_TRY(complete_tangents(scene));
     if (pell_cancelled(scene->ctx)) {
         res = PELL_ERR_CANCELLED;

@@ -31,7 +31,7 @@ struct pell_import {
     const char *root;         /* folder that external files must lie under */
     bool allow_outside;
     bool replaces_materials; /* the caller's material takes the place of the file's */
-    bool needed;             /* the caller needs the image: an unusable one is refused */
+    bool needed;             /* the caller itself refuses an unusable image: no warning */
     struct pell_moment moment;
     double default_mm_per_unit; /* set by the importer: glTF 1000; 0: the format has no unit */
     size_t animations;          /* set by the importer: how many the file has */
@@ -59,6 +59,19 @@ PELL_NODISCARD enum pell_result pell_texture_sampler(struct pell_scene *scene, s
 
 /* A map without a texture: identity matrix, UV set 0, channel 0. */
 struct pell_texture_map pell_texture_map_none(void);
+
+/* The matrix with its 3x3 part scaled to a largest element of 1, so that cofactors and lengths stay in the range of floats. */
+static inline struct pell_mat4 pell_mat4_scaled_to_one(const struct pell_mat4 *matrix)
+{
+    struct pell_mat4 unit = *matrix;
+    double largest = 0.0;
+
+    for (int i = 0; i < 12; i++)
+        largest = fmax(largest, i % 4 < 3 ? fabs(matrix->m[i]) : 0.0);
+    for (int i = 0; i < 12; i++)
+        unit.m[i] = largest > 0.0 ? matrix->m[i] / largest : 0.0;
+    return unit;
+}
 
 /* Applies a matrix to meshes, lights and cameras (positions, normals, tangents; winding is flipped if it mirrors), divides the media's
  * coefficients by `unit_scale`, and scales the lengths of lights accordingly. */

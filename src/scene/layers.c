@@ -11,7 +11,7 @@
 #include <string.h>
 
 #define LOOK_UPS ((int64_t) 1 << 24) /* limit on look-ups to measure a material; of larger maps every second, third, ... texel is used */
-#define OTHER 1e3                    /* 1/mm: extinction of the medium that represents the substrate below the layers */
+#define SUBSTRATE_SIGMA_T 1e3        /* 1/mm: extinction of the medium that represents the substrate below the layers */
 
 void pell_layer_texel(const struct pell_texture_map *map, float u, float v, float rgba[4])
 {
@@ -171,7 +171,8 @@ static void invert(const struct pell_texture_map *map, double s, double t, float
     *v = (float) (det != 0.0 ? (a * t - c * s) / det : t);
 }
 
-static void measure(const struct pell_material *m, const bool *with, const struct pell_texture_map *grid, struct pell_layer_measure *out)
+static void measure(const struct pell_material *m, const bool *included, const struct pell_texture_map *grid,
+                    struct pell_layer_measure *out)
 {
     const struct pell_image *image = &grid->texture->image;
     int step = 1;
@@ -180,7 +181,7 @@ static void measure(const struct pell_material *m, const bool *with, const struc
     while ((int64_t) (image->width / step) * (image->height / step) > LOOK_UPS / m->num_layers)
         step++;
     for (int i = 0; i < m->num_layers; i++)
-        if (with[i])
+        if (included[i])
             out[i] = (struct pell_layer_measure) { (double) INFINITY, 0.0, 0.0, 0 };
     for (int y = step / 2 < image->height ? step / 2 : 0; y < image->height; y += step)
         for (int x = step / 2 < image->width ? step / 2 : 0; x < image->width; x += step) {
@@ -192,7 +193,7 @@ static void measure(const struct pell_material *m, const bool *with, const struc
                 const struct pell_scene_layer *layer = &m->layers[i];
                 const struct pell_texture_map *map = &layer->depth_map;
                 float d = layer->depth;
-                if (!with[i])
+                if (!included[i])
                     continue;
                 if (map->texture) {
                     if (!last || !pell_layer_maps_alike(last, map)) {
@@ -202,7 +203,7 @@ static void measure(const struct pell_material *m, const bool *with, const struc
                             pell_layer_texel(map, u, v, rgba);
                         last = map;
                     }
-                    d *= pell_layer_share(rgba[map->channel], layer->depth_inverse);
+                    d *= pell_layer_depth_fraction(rgba[map->channel], layer->depth_inverse);
                 }
                 out[i].crossings += d < above - 1e-5f * above - 1e-6f; /* more than rounding */
                 above = d > above ? d : above;
@@ -212,7 +213,7 @@ static void measure(const struct pell_material *m, const bool *with, const struc
             }
         }
     for (int i = 0; i < m->num_layers; i++)
-        if (with[i]) {
+        if (included[i]) {
             out[i].mean /= points;
             out[i].crossings = (int64_t) ((double) out[i].crossings * ((double) image->width * image->height / points));
         }
@@ -221,7 +222,7 @@ static void measure(const struct pell_material *m, const bool *with, const struc
 int64_t pell_scene_layers_measure(const struct pell_material *m, struct pell_layer_measure *out)
 {
     const struct pell_texture_map *grid = NULL;
-    bool with[PELL_LAYERS_MOST];
+    bool included[PELL_LAYERS_MOST];
     float above = 0.0f;
 
     for (int i = 0; i < m->num_layers; i++) {
@@ -236,13 +237,13 @@ int64_t pell_scene_layers_measure(const struct pell_material *m, struct pell_lay
     if (!grid)
         return 0;
     for (int i = 0; i < m->num_layers; i++)
-        with[i] = !m->layers[i].depth_map.texture || m->layers[i].depth_map.uv == grid->uv;
-    measure(m, with, grid, out);
+        included[i] = !m->layers[i].depth_map.texture || m->layers[i].depth_map.uv == grid->uv;
+    measure(m, included, grid, out);
     for (int i = 0; i < m->num_layers; i++)
         if (m->layers[i].depth_map.texture && m->layers[i].depth_map.uv != grid->uv) {
-            memset(with, 0, sizeof(with));
-            with[i] = true;
-            measure(m, with, &m->layers[i].depth_map, out);
+            memset(included, 0, sizeof(included));
+            included[i] = true;
+            measure(m, included, &m->layers[i].depth_map, out);
         }
     return texels_of(grid);
 }
@@ -290,15 +291,15 @@ static void merge_thinnest(struct pell_medium_layer *layer, int count)
 }
 
 /* The substrate below layers that end, as a half-space of the same index. */
-static void bottom(const struct pell_material *m, struct pell_medium_layer *out)
+static void set_substrate(const struct pell_material *m, struct pell_medium_layer *out)
 {
     struct pell_medium medium = { 0 };
 
     for (int c = 0; c < 3; c++) {
         const double color = fmin(fmax((double) m->base_color[c], 0.0), 1.0);
         const double albedo = m->substrate == PELL_SUBSTRATE_STOP ? 0.0 : pell_albedo_map_invert(PELL_ALBEDO_VAN_DE_HULST, color, 1.0);
-        medium.sigma_s_reduced[c] = OTHER * albedo;
-        medium.sigma_a[c] = OTHER * (1.0 - albedo);
+        medium.sigma_s_reduced[c] = SUBSTRATE_SIGMA_T * albedo;
+        medium.sigma_a[c] = SUBSTRATE_SIGMA_T * (1.0 - albedo);
     }
     set_stack_layer(&medium, m->medium.eta, (double) INFINITY, out);
 }
@@ -354,7 +355,7 @@ static void make_stack(const struct pell_material *m, const double *bottoms, str
         count--;
     }
     if (!*endless)
-        bottom(m, &layer[count++]);
+        set_substrate(m, &layer[count++]);
     memset(out, 0, sizeof(*out));
     out->count = count;
     memcpy(out->layer, layer, (size_t) count * sizeof(*layer));
@@ -374,7 +375,7 @@ const struct pell_material_entry *pell_scene_layers_preset(const struct pell_mat
     return e && e->kind == PELL_MATERIAL_LAYERS && memcmp(&e->gaussians, &m->gaussians, sizeof(e->gaussians)) == 0 ? e : NULL;
 }
 
-bool pell_scene_layers_whole(const struct pell_material *m, struct pell_stack *out)
+bool pell_scene_profile_stack(const struct pell_material *m, struct pell_stack *out)
 {
     const struct pell_material_entry *preset = pell_scene_layers_preset(m);
     struct pell_layer_measure measure[PELL_LAYERS_MOST];

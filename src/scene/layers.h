@@ -17,10 +17,10 @@ void pell_layer_texel(const struct pell_texture_map *map, float u, float v, floa
 /* Whether one look-up serves both maps. */
 bool pell_layer_maps_alike(const struct pell_texture_map *a, const struct pell_texture_map *b);
 /* The fraction of a layer's `depth` that a channel value represents: >= 0. */
-static inline float pell_layer_share(float value, bool inverse)
+static inline float pell_layer_depth_fraction(float value, bool inverse)
 {
-    const float share = inverse ? 1.0f - value : value;
-    return share > 0.0f ? share : 0.0f;
+    const float fraction = inverse ? 1.0f - value : value;
+    return fraction > 0.0f ? fraction : 0.0f;
 }
 
 /* --- Validity ----------------------------------------------------------------------------------------------------------------- */
@@ -57,7 +57,7 @@ void pell_scene_layers_stack(const struct pell_material *m, const double *bottom
  * long as that reflectance is unchanged. */
 const struct pell_material_entry *pell_scene_layers_preset(const struct pell_material *m);
 /* The stack that m->gaussians was computed from: its layers at their mean depths, or a built-in one. False: none. */
-bool pell_scene_layers_whole(const struct pell_material *m, struct pell_stack *out);
+bool pell_scene_profile_stack(const struct pell_material *m, struct pell_stack *out);
 
 /* Sets m->gaussians to the reflectance of the layers at their mean depths (`measure`), and m->medium to their mean. False: they reflect no
  * light that a sum of Gaussians could represent, and only the medium is set. */

@@ -60,7 +60,7 @@ static enum pell_result rotate_z_up(struct pell_scene *scene)
     return pell_scene_transform(scene, &matrix, 1.0);
 }
 
-/* Warns: an object deeper than high and wide may have been modelled with the z axis upwards. */
+/* Informs: an object deeper than high and wide may have been modelled with the z axis upwards. */
 static void hint_at_up(const struct pell_scene *scene, const struct pell_load_params *params)
 {
     const struct pell_vec3 size = vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min));
@@ -107,7 +107,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);
     if (!(params->mm_per_unit >= 0.0) || !(params->size_mm >= 0.0) || !isfinite(params->mm_per_unit) || !isfinite(params->size_mm))
         return pell_error(loader->ctx, PELL_ERR_INVALID, scale.where, NULL, "must be finite and not negative");
-    mesh = !loader->is_scene_file && pell_scene_tell_format(path, data, size) != PELL_SCENE_SCENE;
+    mesh = !loader->is_scene_file && pell_scene_detect_format(path, data, size) != PELL_SCENE_SCENE;
     if (!mesh && params->up)
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--up", "rotate_deg of a mesh in the scene file turns it",
                           "is for a mesh file, and INPUT is a scene file");

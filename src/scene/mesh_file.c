@@ -63,7 +63,7 @@ static bool is_text(const uint8_t *p, const uint8_t *end)
     return true;
 }
 
-enum pell_scene_format pell_scene_tell_format(const char *path, const uint8_t *data, size_t size)
+enum pell_scene_format pell_scene_detect_format(const char *path, const uint8_t *data, size_t size)
 {
     const uint8_t *p = data, *end = data + size;
 
@@ -188,7 +188,7 @@ static enum pell_result find_unit(const struct pell_import *import, const struct
 static enum pell_result name_meshes(struct pell_import *import)
 {
     struct pell_scene *scene = import->scene;
-    const char *slash = strrchr(import->path, '/'), *base = slash ? slash + 1 : import->path, *dot = strrchr(base, '.');
+    const char *base = pell_path_name(import->path), *dot = strrchr(base, '.');
     const size_t length = dot && dot > base ? (size_t) (dot - base) : strlen(base);
     int first = -1;
     bool several = false;
@@ -227,7 +227,7 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
                                 const struct pell_scale *scale, const struct pell_moment *moment, struct pell_scene **out)
 {
     struct pell_context *ctx = loader->ctx;
-    const enum pell_scene_format format = pell_scene_tell_format(path, data, size);
+    const enum pell_scene_format format = pell_scene_detect_format(path, data, size);
     struct pell_import import = { .ctx = ctx,
                                   .loader = loader,
                                   .path = path,

@@ -117,8 +117,8 @@ static enum pell_result read_failed(struct ply *p, const char *kind, int64_t row
         return ends_early(p, kind, row);
     length = pell_lex_word(&p->lex, &word);
     memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
-    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "\"%s\" instead of a number of %s %lld",
-                      pell_printable(copy, shown, sizeof(shown)), kind, (long long) row);
+    return pell_error(p->ctx, PELL_ERR_FORMAT, pell_lex_where(&p->lex, p->import->path, &text), NULL,
+                      "\"%s\" instead of a number of %s %lld", pell_printable(copy, shown, sizeof(shown)), kind, (long long) row);
 }
 
 /* Reads a list's length; a skipped list may be as long as the file. */
@@ -271,7 +271,7 @@ static enum pell_result add_face(struct ply *p, size_t count)
     enum pell_result res;
 
     if (count < 3) {
-        p->thin++;
+        p->degenerate_faces++;
         return PELL_OK;
     }
     if (count == 3)
@@ -279,7 +279,7 @@ static enum pell_result add_face(struct ply *p, size_t count)
     PELL_TRY(pell_polygon_reserve(&p->polygon, count));
     for (size_t i = 0; i < count; i++)
         memcpy(p->polygon.point + 3 * i, p->position + 3 * (size_t) p->list[i], 3 * sizeof(float));
-    if (!pell_polygon_cut(&p->polygon, count))
+    if (!pell_polygon_triangulate(&p->polygon, count))
         pell_warn(p->ctx, p->import->path, "cut the face into triangles in the program that it comes from",
                   "a face of %zu corners crosses itself, or is too large to be cut well: its shape may be wrong", count);
     for (size_t i = 0; i < count - 2; i++)
@@ -382,7 +382,7 @@ static enum pell_result skip_element(struct ply *p, const struct element *e)
     return res;
 }
 
-static enum pell_result read_solid(struct ply *p)
+static enum pell_result read_body(struct ply *p)
 {
     enum pell_result res = PELL_OK;
 
@@ -420,9 +420,9 @@ static enum pell_result build(struct ply *p)
     mesh->uv[0] = p->uv;
     mesh->color = p->color;
     p->uv = p->color = NULL;
-    if (p->thin)
+    if (p->degenerate_faces)
         pell_warn(p->ctx, p->import->path, NULL, "%s left out",
-                  pell_counted(p->thin, "face of fewer than three corners is", "faces of fewer than three corners are").str);
+                  pell_counted(p->degenerate_faces, "face of fewer than three corners is", "faces of fewer than three corners are").str);
     return PELL_OK;
 
 fail:
@@ -443,7 +443,7 @@ enum pell_result pell_import_ply(struct pell_import *import, const uint8_t *data
     import->default_mm_per_unit = 0.0;
     PELL_TRY(pell_ply_read_header(p));
     PELL_TRY(pell_ply_check_header(p));
-    PELL_TRY(read_solid(p));
+    PELL_TRY(read_body(p));
     PELL_TRY(build(p));
 
 fail:

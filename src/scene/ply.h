@@ -49,16 +49,8 @@ struct ply {
     int64_t *list;
     size_t cap_list;
     struct pell_polygon polygon;
-    int64_t thin; /* faces with fewer than three corners */
+    int64_t degenerate_faces; /* faces with fewer than three corners */
 };
-
-static inline const char *where_line(const struct ply *p, struct pell_text *text)
-{
-    memset(text, 0, sizeof(*text));
-    pell_text_add_path(text, p->import->path, ":", "line ");
-    pell_text_add(text, "%lld", (long long) p->lex.line);
-    return text->str;
-}
 
 /* Fills elements and properties; p->at is then the body's first byte. */
 PELL_NODISCARD enum pell_result pell_ply_read_header(struct ply *p);

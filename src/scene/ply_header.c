@@ -28,7 +28,8 @@ static enum pell_result bad_header(struct ply *p, const char *what, const char *
     struct pell_text text;
     char shown[64];
 
-    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "%s, but is \"%s\"", what, show_word(word, length, shown));
+    return pell_error(p->ctx, PELL_ERR_FORMAT, pell_lex_where(&p->lex, p->import->path, &text), NULL, "%s, but is \"%s\"", what,
+                      show_word(word, length, shown));
 }
 
 static enum type type_of(const char *word, size_t length)
@@ -89,7 +90,8 @@ static enum pell_result read_element(struct ply *p)
     double count;
 
     if (p->num_elements == MAX_ELEMENTS)
-        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, where_line(p, &text), NULL, "more than %d elements are not read", MAX_ELEMENTS);
+        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, pell_lex_where(&p->lex, p->import->path, &text), NULL,
+                          "more than %d elements are not read", MAX_ELEMENTS);
     show_word(word, length, e->name);
     e->kind = pell_word_is(word, length, "vertex")      ? K_VERTEX
               : pell_word_is(word, length, "face")      ? K_FACE
@@ -119,7 +121,8 @@ static enum pell_result read_property(struct ply *p)
     if (!e)
         return bad_header(p, "an element must come before its properties", word, length);
     if (p->num_properties == MAX_PROPERTIES)
-        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, where_line(p, &text), NULL, "more than %d properties are not read", MAX_PROPERTIES);
+        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, pell_lex_where(&p->lex, p->import->path, &text), NULL,
+                          "more than %d properties are not read", MAX_PROPERTIES);
     property->count_type = T_NONE;
     if (pell_word_is(word, length, "list")) {
         length = pell_lex_word(&p->lex, &word);
@@ -169,7 +172,8 @@ enum pell_result pell_ply_read_header(struct ply *p)
             pell_lex_next_line(&p->lex);
             p->at = (const uint8_t *) p->lex.at;
             if (!format)
-                return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "the header names no format");
+                return pell_error(p->ctx, PELL_ERR_FORMAT, pell_lex_where(&p->lex, p->import->path, &text), NULL,
+                                  "the header names no format");
             return PELL_OK;
         }
         if (pell_word_is(word, length, "format")) {
@@ -186,7 +190,7 @@ enum pell_result pell_ply_read_header(struct ply *p)
             p->lex.at++;
         pell_lex_next_line(&p->lex);
     }
-    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "the header has no end_header");
+    return pell_error(p->ctx, PELL_ERR_FORMAT, pell_lex_where(&p->lex, p->import->path, &text), NULL, "the header has no end_header");
 
 fail:
     return res;

@@ -468,7 +468,7 @@ enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t mat
 
 /* --- Transform ---------------------------------------------------------------------------------------------------------------- */
 
-static void turn(const struct pell_mat4 *matrix, float *v, bool normal)
+static void transform_direction(const struct pell_mat4 *matrix, float *v, bool normal)
 {
     const struct pell_vec3 old = vec3_load(v), d = vec3_normalize(normal ? mat4_normal(matrix, old) : mat4_direction(matrix, old));
     const float l2 = vec3_dot(d, d);
@@ -478,13 +478,13 @@ static void turn(const struct pell_mat4 *matrix, float *v, bool normal)
         vec3_store(d, v);
 }
 
-static void move(const struct pell_mat4 *matrix, float *p)
+static void transform_point(const struct pell_mat4 *matrix, float *p)
 {
     vec3_store(mat4_point(matrix, vec3_load(p)), p);
 }
 
 /* Makes `up` a unit vector perpendicular to `forward`. */
-void pell_scene_square(const float *forward, float *up)
+void pell_scene_orthogonalize(const float *forward, float *up)
 {
     const struct pell_vec3 f = vec3_load(forward), u = vec3_load(up);
     struct pell_vec3 t, b = vec3_mad(u, -vec3_dot(u, f), f);
@@ -499,20 +499,15 @@ void pell_scene_square(const float *forward, float *up)
 static void transform_mesh(struct pell_mesh *mesh, const struct pell_mat4 *matrix)
 {
     const bool mirrors = mat4_determinant3(matrix) < 0.0;
-    struct pell_mat4 unit = *matrix;
-    double largest = 0.0;
-
     /* Cofactors are squares of scales: mm per unit cubed and its inverse fit into floats only if scaled to one first. */
-    for (int i = 0; i < 12; i++)
-        largest = fmax(largest, i % 4 < 3 ? fabs(matrix->m[i]) : 0.0);
-    for (int i = 0; i < 12; i++)
-        unit.m[i] = largest > 0.0 ? matrix->m[i] / largest : 0.0;
+    const struct pell_mat4 unit = pell_mat4_scaled_to_one(matrix);
+
     for (uint32_t i = 0; i < mesh->num_vertices; i++) {
-        move(matrix, mesh->position + 3 * (size_t) i);
+        transform_point(matrix, mesh->position + 3 * (size_t) i);
         if (mesh->normal)
-            turn(&unit, mesh->normal + 3 * (size_t) i, true);
+            transform_direction(&unit, mesh->normal + 3 * (size_t) i, true);
         if (mesh->tangent) {
-            turn(&unit, mesh->tangent + 4 * (size_t) i, false);
+            transform_direction(&unit, mesh->tangent + 4 * (size_t) i, false);
             if (mirrors)
                 mesh->tangent[4 * (size_t) i + 3] *= -1.0f;
         }
@@ -538,10 +533,10 @@ enum pell_result pell_scene_transform(struct pell_scene *scene, const struct pel
         transform_mesh(&scene->meshes[i], matrix);
     for (size_t i = 0; i < scene->num_lights; i++) {
         struct pell_light *l = &scene->lights[i];
-        move(matrix, l->position);
-        turn(matrix, l->direction, false);
-        turn(matrix, l->up, false);
-        pell_scene_square(l->direction, l->up);
+        transform_point(matrix, l->position);
+        transform_direction(matrix, l->direction, false);
+        transform_direction(matrix, l->up, false);
+        pell_scene_orthogonalize(l->direction, l->up);
         l->width *= k;
         l->height *= k;
         l->radius *= k;
@@ -549,10 +544,10 @@ enum pell_result pell_scene_transform(struct pell_scene *scene, const struct pel
     }
     for (size_t i = 0; i < scene->num_cameras; i++) {
         struct pell_camera *c = &scene->cameras[i];
-        move(matrix, c->position);
-        turn(matrix, c->forward, false);
-        turn(matrix, c->up, false);
-        pell_scene_square(c->forward, c->up);
+        transform_point(matrix, c->position);
+        transform_direction(matrix, c->forward, false);
+        transform_direction(matrix, c->up, false);
+        pell_scene_orthogonalize(c->forward, c->up);
         c->ortho_height *= k;
         c->focus *= k;
     }

@@ -5,7 +5,7 @@
 
 #include "scene/import.h"
 
-/* --- scene.c ------------------------------------------------------------------------------------------------------------------ */
+/* --- scene.c, light_shells.c, textures.c -------------------------------------------------------------------------------------- */
 
 void pell_mesh_finish(struct pell_context *ctx, struct pell_mesh *mesh);
 PELL_NODISCARD enum pell_result pell_scene_add_option(struct pell_scene *scene, const char *name, const char *value, const char *where);
@@ -28,7 +28,7 @@ double pell_mesh_solid_angle(const struct pell_context *ctx, const struct pell_m
 /* Sets `light_shell` of all meshes. */
 void pell_scene_find_light_shells(struct pell_scene *scene);
 /* Makes `up` a unit vector perpendicular to the unit vector `forward`. */
-void pell_scene_square(const float *forward, float *up);
+void pell_scene_orthogonalize(const float *forward, float *up);
 /* The texture may be NULL. */
 void pell_texture_destroy(struct pell_context *ctx, struct pell_texture *texture);
 /* Removes the textures that could not be read, and the cache. Nothing may be imported afterwards. */
@@ -36,7 +36,7 @@ void pell_scene_drop_textures(struct pell_scene *scene);
 /* Gives the mesh `more` vertices, which are copies of those in `from`; all its arrays grow. */
 PELL_NODISCARD enum pell_result pell_mesh_duplicate(struct pell_scene *scene, size_t mesh, const uint32_t *from, uint32_t more);
 
-/* --- material.c --------------------------------------------------------------------------------------------------------------- */
+/* --- file/material_file.c ----------------------------------------------------------------------------------------------------- */
 
 /* Reads a material file (data/materials/schema.json; only the optics are required). entry->name is owned by the caller, and the other texts
  * lie behind it in the same block: pell_free of the name frees all. */
@@ -55,7 +55,8 @@ bool pell_material_is_path(const char *name_or_path);
 
 /* Parsed load parameters of the viewpoint. */
 struct pell_viewpoint {
-    bool z_up, from, lights; /* given */
+    bool z_up;
+    bool has_from, has_studio; /* --from and --studio were given: azimuth and elevation, and studio, count */
     /* rad: direction from the object to the camera; 0, 0: front; positive azimuth moves the camera to the right */
     double azimuth, elevation;
     int studio; /* index into the table of studio.c, 0: soft */
@@ -77,13 +78,13 @@ struct pell_extras {
     bool studio;         /* add the default lights although there are others */
     bool backdrop;       /* these lights need the backdrop on the ground */
     bool own_background; /* the file gives a background */
-    bool no_lights;      /* the file asks for no lights: add none */
+    bool own_lights;     /* the file lists its lights, perhaps none: add no defaults */
     bool ground;
     int ground_material; /* -1: the neutral one */
     float aspect;        /* of the image that the file requests; 0: not given */
 };
 
-/* --- load.c ------------------------------------------------------------------------------------------------------------------- */
+/* --- load.c, mesh_file.c ------------------------------------------------------------------------------------------------------ */
 
 /* The source of bytes, and the files that may be referenced. `read` NULL: files. */
 struct pell_loader {
@@ -108,7 +109,7 @@ struct pell_scale {
 
 enum pell_scene_format { PELL_SCENE_GLTF, PELL_SCENE_OBJ, PELL_SCENE_PLY, PELL_SCENE_STL, PELL_SCENE_SCENE, PELL_SCENE_UNKNOWN };
 /* Detects the format of a file: by its content, then by its name. */
-enum pell_scene_format pell_scene_tell_format(const char *path, const uint8_t *data, size_t size);
+enum pell_scene_format pell_scene_detect_format(const char *path, const uint8_t *data, size_t size);
 /* Resolves `reference` under the root and reads it (see pell_file_read). *path is owned by the caller. */
 PELL_NODISCARD enum pell_result pell_loader_read(const struct pell_loader *loader, const char *where, const char *reference, char **path,
                                                  uint8_t **data, size_t *size);
@@ -126,7 +127,7 @@ PELL_NODISCARD enum pell_result pell_scene_load_bytes(const struct pell_loader *
 PELL_NODISCARD enum pell_result pell_scene_choose_camera(struct pell_scene *scene, const char *where, const char *name,
                                                          enum pell_result code);
 
-/* --- scene_file.c ------------------------------------------------------------------------------------------------------------- */
+/* --- file/scene_file.c -------------------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result pell_read_scene_file(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
                                                      struct pell_scene **out, struct pell_extras *extras);
@@ -191,17 +192,18 @@ bool pell_studio_has_backdrop(int studio);
 /* Adds a floor with a curved backdrop behind the bounds, relative to the first camera, or a round table if an environment lights the scene;
  * `material` -1 makes a neutral one. */
 PELL_NODISCARD enum pell_result pell_scene_ground(struct pell_scene *scene, int material);
+/* Names for --from, --studio, --up and --normals, in the order of their tables; NULL after the last. */
+const char *pell_side_name(size_t i);
+const char *pell_studio_name(size_t i);
+const char *pell_axis_name(size_t i);
+const char *pell_normals_name(size_t i);
 
 /* --- surroundings.c ----------------------------------------------------------------------------------------------------------- */
 
 /* Reads environment and background; PELL_ERR_INVALID with the option's name if one is wrong. No file is opened. */
 PELL_NODISCARD enum pell_result pell_surroundings_read(struct pell_context *ctx, const struct pell_load_params *params,
                                                        struct pell_surroundings *surroundings);
-/* Names for --from, --studio, --up and --background, in the order of their tables; NULL after the last. */
-const char *pell_side_name(size_t i);
-const char *pell_studio_name(size_t i);
-const char *pell_axis_name(size_t i);
-const char *pell_normals_name(size_t i);
+/* The same for --background. */
 const char *pell_background_name(size_t i);
 /* Parses a background's name or colour; fails with `code` and the valid names. */
 PELL_NODISCARD enum pell_result pell_background_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,

@@ -73,7 +73,7 @@ static enum pell_result add_soft(struct pell_scene *scene, const char *name, str
     vec3_store(vec3_mad(center, distance * r, axis), l->position);
     vec3_store(vec3_mul(axis, -1.0f), l->direction);
     vec3_store(vec3(0, 1, 0), l->up);
-    pell_scene_square(l->direction, l->up);
+    pell_scene_orthogonalize(l->direction, l->up);
     l->width = l->height = side * r;
     for (int c = 0; c < 3; c++)
         l->power[c] = radiance * tint[c];
@@ -88,7 +88,7 @@ static const float tints[][3] = { [WHITE] = { 1.0f, 1.0f, 1.0f }, [WARM] = { 1.0
 
 /* Positions are to the right, up and towards the camera; distances and sides in radii of the object, so that the irradiance at its centre
  * is the same for any size. */
-static const struct soft {
+static const struct soft_light {
     const char *name;
     float toward[3], distance, side, irradiance;
     enum tint tint;
@@ -124,7 +124,7 @@ enum pell_result pell_scene_studio(struct pell_scene *scene, int studio)
     }
     right = vec3_cross(up, front);
     for (size_t i = 0; i < PELL_COUNT(studios[0]) && studios[studio][i].name; i++) {
-        const struct soft *s = &studios[studio][i];
+        const struct soft_light *s = &studios[studio][i];
         PELL_TRY(add_soft(scene, s->name, vec3_mad(vec3_mad(vec3_mul(right, s->toward[0]), s->toward[1], up), s->toward[2], front),
                           s->distance, s->side, s->irradiance, tints[s->tint]));
     }
@@ -201,7 +201,7 @@ enum pell_result pell_side_read(struct pell_context *ctx, enum pell_result code,
     enum pell_result res;
     int index = 0;
 
-    view->from = true;
+    view->has_from = true;
     for (size_t i = 0; i < PELL_COUNT(sides); i++)
         names[i] = sides[i].name;
     if (!comma) {
@@ -243,7 +243,7 @@ enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell
     enum pell_result res;
     int axis = 0;
 
-    *view = (struct pell_viewpoint) { .lights = params->studio != NULL };
+    *view = (struct pell_viewpoint) { .has_studio = params->studio != NULL };
     if (params->from && params->camera)
         return pell_error(ctx, PELL_ERR_INVALID, "--from", "give one of them", "--from and --camera both define the camera");
     if (params->up)
@@ -320,8 +320,8 @@ fail:
 
 /* --- Ground ------------------------------------------------------------------------------------------------------------------- */
 
-enum { ARC = 48, RUNG = ARC + 3 }; /* points of the profile: floor's front, the arc's ARC + 1, the wall's top */
-enum { AROUND = 128 };             /* corners of the round table */
+enum { ARC = 48, PROFILE_POINTS = ARC + 3 }; /* points of the profile: floor's front, the arc's ARC + 1, the wall's top */
+enum { TABLE_CORNERS = 128 };                /* corners of the round table */
 
 static enum pell_result ground_material(struct pell_scene *scene, int *material)
 {
@@ -361,12 +361,12 @@ static enum pell_result add_sweep(struct pell_scene *scene, size_t index)
             behind = vec3_normalize(level);
     }
     side = vec3_cross(behind, vec3(0, 1, 0));
-    PELL_TRY(pell_mesh_allocate(scene, index, 2 * RUNG, 2 * (RUNG - 1)));
+    PELL_TRY(pell_mesh_allocate(scene, index, 2 * PROFILE_POINTS, 2 * (PROFILE_POINTS - 1)));
     mesh = &scene->meshes[index];
-    for (int i = 0; i < RUNG; i++) {
-        const float angle = i == 0 ? 0.0f : i == RUNG - 1 ? 0.5f * PELL_PI_F : 0.5f * PELL_PI_F * (float) (i - 1) / (float) ARC;
+    for (int i = 0; i < PROFILE_POINTS; i++) {
+        const float angle = i == 0 ? 0.0f : i == PROFILE_POINTS - 1 ? 0.5f * PELL_PI_F : 0.5f * PELL_PI_F * (float) (i - 1) / (float) ARC;
         const float along = i == 0 ? -30.0f * r : back + bend * sinf(angle);
-        const float height = i == RUNG - 1 ? 60.0f * r : bend * (1.0f - cosf(angle));
+        const float height = i == PROFILE_POINTS - 1 ? 60.0f * r : bend * (1.0f - cosf(angle));
         const struct pell_vec3 n = vec3_add(vec3_mul(behind, -sinf(angle)), vec3(0, cosf(angle), 0));
         for (int k = 0; k < 2; k++) {
             struct pell_vec3 p = vec3_mad(vec3_mad(center, along, behind), (k ? 60.0f : -60.0f) * r, side);
@@ -375,7 +375,7 @@ static enum pell_result add_sweep(struct pell_scene *scene, size_t index)
             vec3_store(n, mesh->normal + 3 * (2 * i + k));
         }
     }
-    for (uint32_t i = 0; i + 1 < RUNG; i++) {
+    for (uint32_t i = 0; i + 1 < PROFILE_POINTS; i++) {
         const uint32_t quad[6] = { 2 * i, 2 * i + 1, 2 * i + 3, 2 * i, 2 * i + 3, 2 * i + 2 };
         memcpy(mesh->index + 6 * (size_t) i, quad, sizeof(quad));
     }
@@ -394,15 +394,15 @@ static enum pell_result add_table(struct pell_scene *scene, size_t index)
     enum pell_result res;
 
     center.y = scene->bounds_min[1];
-    PELL_TRY(pell_mesh_allocate(scene, index, AROUND + 1, AROUND));
+    PELL_TRY(pell_mesh_allocate(scene, index, TABLE_CORNERS + 1, TABLE_CORNERS));
     mesh = &scene->meshes[index];
-    for (uint32_t i = 0; i <= AROUND; i++) {
-        const float turn = 2.0f * PELL_PI_F * (float) i / (float) AROUND, out = i < AROUND ? r : 0.0f;
-        vec3_store(vec3_mad(center, out, vec3(cosf(turn), 0, -sinf(turn))), mesh->position + 3 * i);
+    for (uint32_t i = 0; i <= TABLE_CORNERS; i++) {
+        const float angle = 2.0f * PELL_PI_F * (float) i / (float) TABLE_CORNERS, out = i < TABLE_CORNERS ? r : 0.0f;
+        vec3_store(vec3_mad(center, out, vec3(cosf(angle), 0, -sinf(angle))), mesh->position + 3 * i);
         vec3_store(vec3(0, 1, 0), mesh->normal + 3 * i);
     }
-    for (uint32_t i = 0; i < AROUND; i++) {
-        const uint32_t sector[3] = { AROUND, i, (i + 1) % AROUND };
+    for (uint32_t i = 0; i < TABLE_CORNERS; i++) {
+        const uint32_t sector[3] = { TABLE_CORNERS, i, (i + 1) % TABLE_CORNERS };
         memcpy(mesh->index + 3 * (size_t) i, sector, sizeof(sector));
     }
     return PELL_OK;

@@ -29,8 +29,8 @@ static void range_of(const struct pell_scene_layer *layer, float *least, float *
     for (int y = 0; y < image->height; y++)
         for (int x = 0; x < image->width; x++) {
             pell_image_texel(image, x, y, rgba);
-            *least = fminf(*least, pell_layer_share(rgba[map->channel], layer->depth_inverse));
-            *largest = fmaxf(*largest, pell_layer_share(rgba[map->channel], layer->depth_inverse));
+            *least = fminf(*least, pell_layer_depth_fraction(rgba[map->channel], layer->depth_inverse));
+            *largest = fmaxf(*largest, pell_layer_depth_fraction(rgba[map->channel], layer->depth_inverse));
             if (*least < *largest && image->type != PELL_PIXEL_F32) {
                 *largest = 1.0f;
                 return;
@@ -168,7 +168,7 @@ void pell_medium_layers_depths(const struct pell_medium_layers *s, const struct 
                 }
                 last = layer->map;
             }
-            d *= pell_layer_share(rgba[layer->map->channel], layer->inverse);
+            d *= pell_layer_depth_fraction(rgba[layer->map->channel], layer->inverse);
         }
         depth[i] = above = d > above ? d : above;
     }

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DEGREES (180.0 / 3.14159265358979323846)
+#define DEGREES (180.0 / PELL_PI)
 
 /* --- Values ----------------------------------------------------------------------------------------------------------------------- */
 
@@ -90,7 +90,7 @@ static json_t *camera_json(const struct pell_scene *scene)
 }
 
 static const char *const light_names[] = { "point", "spot", "directional", "rect", "disc", "environment" };
-static const char *const powers[] = { "intensity", "intensity", "irradiance", "radiance", "radiance", "color" };
+static const char *const power_keys[] = { "intensity", "intensity", "irradiance", "radiance", "radiance", "color" };
 
 static void set_shape(json_t *o, const struct pell_light *l)
 {
@@ -106,18 +106,18 @@ static void set_shape(json_t *o, const struct pell_light *l)
     }
 }
 
-/* A light's JSON from the file (`said`, or NULL), with lengths in mm. */
-static json_t *light_json(const struct pell_scene *scene, const struct pell_light *l, const json_t *said)
+/* A light's JSON from the file (`given`, or NULL), with lengths in mm. */
+static json_t *light_json(const struct pell_scene *scene, const struct pell_light *l, const json_t *given)
 {
-    json_t *o = said ? json_deep_copy(said) : json_object();
+    json_t *o = given ? json_deep_copy(given) : json_object();
 
     if (!o)
         return NULL;
     json_object_set_new(o, "type", json_string(light_names[l->type]));
     if (l->name && l->name[0])
         json_object_set_new(o, "name", json_string(l->name));
-    if (!said || (l->type != PELL_LIGHT_ENVIRONMENT && !json_object_get(o, powers[l->type])))
-        json_object_set_new(o, powers[l->type], numbers(l->power));
+    if (!given || (l->type != PELL_LIGHT_ENVIRONMENT && !json_object_get(o, power_keys[l->type])))
+        json_object_set_new(o, power_keys[l->type], numbers(l->power));
     if (l->type == PELL_LIGHT_ENVIRONMENT) {
         if (!json_object_get(o, "scale"))
             json_object_set_new(o, "scale", json_integer(1));
@@ -140,8 +140,8 @@ static json_t *light_json(const struct pell_scene *scene, const struct pell_ligh
 
 enum pell_result viewer_document_note(struct viewer_document *d, const struct pell_scene *scene)
 {
-    const json_t *said = json_object_get(d->base, "lights");
-    const bool listed = json_array_size(said) == scene->num_lights;
+    const json_t *given = json_object_get(d->base, "lights");
+    const bool listed = json_array_size(given) == scene->num_lights;
 
     json_decref(d->camera);
     json_decref(d->lights);
@@ -153,7 +153,7 @@ enum pell_result viewer_document_note(struct viewer_document *d, const struct pe
         json_object_set_new(d->base, "ground", json_true()); /* also if its lights are listed one by one */
     for (size_t i = 0; i < scene->num_lights; i++) {
         const struct pell_light *l = &scene->lights[i];
-        const json_t *one = listed ? json_array_get(said, i) : NULL;
+        const json_t *one = listed ? json_array_get(given, i) : NULL;
         d->studio |= strncmp(l->name, "studio ", 7) == 0;
         if (json_array_append_new(d->lights, light_json(scene, l, json_object_get(one, "studio") ? NULL : one)) != 0)
             return pell_error(d->ctx, PELL_ERR_NOMEM, d->path, NULL, "out of memory: lights");
@@ -165,7 +165,7 @@ enum pell_result viewer_document_note(struct viewer_document *d, const struct pe
 
 static enum pell_result read_base(struct viewer_document *d, const char *path, json_t **base)
 {
-    struct pell_json_file file = { .ctx = d->ctx, .path = path, .range = PELL_ERR_FORMAT };
+    struct pell_json_file file = { .ctx = d->ctx, .path = path, .range_error = PELL_ERR_FORMAT };
     struct pell_json root;
     uint8_t *data = NULL;
     size_t size;
@@ -174,7 +174,7 @@ static enum pell_result read_base(struct viewer_document *d, const char *path, j
 
     *base = NULL;
     PELL_TRY(pell_file_read(d->ctx, path, &data, &size));
-    scene = pell_scene_tell_format(path, data, size) == PELL_SCENE_SCENE;
+    scene = pell_scene_detect_format(path, data, size) == PELL_SCENE_SCENE;
     res = PELL_ERR_NOMEM;
     if (!(d->path = pell_strdup(d->ctx, path)))
         goto fail;
@@ -197,7 +197,7 @@ fail:
 }
 
 /* Adds --environment as a light. A file below the input's folder is named relative to it, as in a hand-written scene file. */
-static enum pell_result light_with(struct viewer_document *d, const char *input, const struct pell_load_params *params)
+static enum pell_result add_environment(struct viewer_document *d, const char *input, const struct pell_load_params *params)
 {
     const double scale = params->environment_scale > 0.0 ? params->environment_scale : 1.0;
     char *folder = pell_path_folder(d->ctx, input), *file = NULL;
@@ -251,7 +251,7 @@ static enum pell_result surround(struct viewer_document *d, const char *input, c
             json_object_set_new(d->base, "ground", json_true());
     }
     if (params->environment)
-        PELL_TRY(light_with(d, input, params));
+        PELL_TRY(add_environment(d, input, params));
     if (params->background)
         json_object_set_new(d->base, "background", json_string(params->background));
     d->params.ground = false;

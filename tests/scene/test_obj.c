@@ -76,7 +76,7 @@ static void cut_and_compare(const float (*p)[2], size_t n, int plane, bool backw
         to[(plane + 1) % 3] = p[k][1];
         to[(plane + 2) % 3] = 0.25f * p[k][0] - 0.5f * p[k][1]; /* a tilted plane */
     }
-    pell_polygon_cut(&polygon, n);
+    pell_polygon_triangulate(&polygon, n);
     for (size_t t = 0; t < n - 2; t++) {
         const uint32_t *v = polygon.triangle + 3 * t;
         double a;
@@ -144,7 +144,7 @@ static void a_giant_spiral_ends_in_bounded_time(void **state)
         polygon.point[3 * i + 1] = (float) (r * sin(a));
         polygon.point[3 * i + 2] = 0.0f;
     }
-    pell_polygon_cut(&polygon, N);
+    pell_polygon_triangulate(&polygon, N);
     for (int i = 0; i < 3 * (N - 2); i++)
         REQUIRE(polygon.triangle[i] < N);
     REQUIRE(busy_seconds() - start < 20.0);

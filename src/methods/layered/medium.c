@@ -152,7 +152,7 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
             for (int x = 0; x < l->width; x++) {
                 float rgba[4] = { 0 }, fraction;
                 pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
-                fraction = pell_layer_share(rgba[map.channel], layer_medium->inverse);
+                fraction = pell_layer_depth_fraction(rgba[map.channel], layer_medium->inverse);
                 fraction = fraction < 1e6f ? fraction : 0.0f; /* NaN becomes 0, too */
                 if (pass == 0) {
                     largest = fraction > largest ? fraction : largest;

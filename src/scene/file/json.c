@@ -8,9 +8,10 @@
 #include <stdio.h>
 #include <string.h>
 
+#define TOO_MANY PELL_RAISE_LIMIT("items") ", or --limit nodes=N if these are nodes"
+
 /* Approximate memory that jansson 2.14 allocates per value of each kind: enough to refuse a small file with a huge tree before it is
  * built. */
-#define TOO_MANY PELL_RAISE_LIMIT("items") ", or --limit nodes=N if these are nodes"
 #define BYTES_PER_OBJECT 320
 #define BYTES_PER_ARRAY 128
 #define BYTES_PER_VALUE 48
@@ -211,7 +212,7 @@ enum pell_result pell_json_wrong_type(const struct pell_json *at, const char *al
 /* The code of errors of values. */
 static enum pell_result range_code(const struct pell_json *at)
 {
-    return at->file->range ? at->file->range : PELL_ERR_INVALID;
+    return at->file->range_error ? at->file->range_error : PELL_ERR_INVALID;
 }
 
 static enum pell_result out_of_range(const struct pell_json *at, double min, double max)

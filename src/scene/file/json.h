@@ -30,9 +30,9 @@
 
 struct pell_json_file {
     struct pell_context *ctx;
-    const char *path;       /* for messages */
-    enum pell_result range; /* error code of a value out of range; 0: PELL_ERR_INVALID */
-    json_t *root;           /* owned; set by pell_json_parse */
+    const char *path;             /* for messages */
+    enum pell_result range_error; /* code for a value out of range; 0: PELL_ERR_INVALID */
+    json_t *root;                 /* owned; set by pell_json_parse */
 };
 
 struct pell_json {

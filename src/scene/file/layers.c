@@ -10,10 +10,10 @@
 const char *const pell_layer_keys[PELL_LAYER_KEYS] = { "name", "sigma_a", "sigma_s", "sigma_t",     "phase",
                                                        "g",    "weight",  "depth",   "depth_scale", "depth_encoding" };
 
-#define DEPTHS_MOST ((PELL_LAYERS_MOST + 3) / 4)
+#define DEPTH_IMAGES_MOST ((PELL_LAYERS_MOST + 3) / 4)
 
 /* The keys next to "layers" that apply to all of them. */
-struct painted {
+struct depth_defaults {
     struct pell_json depths; /* images, one layer per channel */
     size_t count;            /* number of images */
     double scale;            /* mm; 0: not given */
@@ -26,22 +26,22 @@ struct painted {
 static enum pell_result read_phase(const struct pell_json *at, struct pell_scene_layer *layer)
 {
     static const char *const phases[] = { "hg", "schlick", "rayleigh", "two-lobe" }; /* in the order of enum pell_phase_kind */
-    const struct pell_json place = pell_json_get(at, "g"), weight = pell_json_get(at, "weight");
+    const struct pell_json g_at = pell_json_get(at, "g"), weight = pell_json_get(at, "weight");
     int phase = PELL_PHASE_HENYEY_GREENSTEIN;
     double g[3] = { 0 }, w = 0.5;
     enum pell_result res;
 
     PELL_TRY(pell_json_choice(at, "phase", phases, PELL_COUNT(phases), &phase));
-    if (phase == PELL_PHASE_RAYLEIGH && place.value)
-        return pell_json_error(&place, PELL_ERR_FORMAT, NULL, "does not belong to the phase function \"rayleigh\"");
+    if (phase == PELL_PHASE_RAYLEIGH && g_at.value)
+        return pell_json_error(&g_at, PELL_ERR_FORMAT, NULL, "does not belong to the phase function \"rayleigh\"");
     if (phase != PELL_PHASE_TWO_LOBE && weight.value)
         return pell_json_error(&weight, PELL_ERR_FORMAT, NULL, "belongs to the phase function \"two-lobe\"");
     if (phase == PELL_PHASE_TWO_LOBE) {
         PELL_TRY(pell_json_require(at, "g"));
         PELL_TRY(pell_json_numbers(at, "g", 2, -PELL_G_MAX, PELL_G_MAX, g));
         PELL_TRY(pell_json_number(at, "weight", 0.0, 1.0, &w));
-    } else if (json_is_number(place.value)) {
-        PELL_TRY(pell_json_to_number(&place, -PELL_G_MAX, PELL_G_MAX, &g[0]));
+    } else if (json_is_number(g_at.value)) {
+        PELL_TRY(pell_json_to_number(&g_at, -PELL_G_MAX, PELL_G_MAX, &g[0]));
         g[1] = g[2] = g[0];
     } else {
         PELL_TRY(pell_json_numbers(at, "g", 3, -PELL_G_MAX, PELL_G_MAX, g));
@@ -133,14 +133,15 @@ fail:
     return res;
 }
 
-static enum pell_result take_map(struct pell_scene_reader *r, const struct pell_json *place, const struct pell_json *at, const char *text,
-                                 int channel, const struct painted *all, const struct pell_material *m, struct pell_scene_layer *layer)
+static enum pell_result read_depth_map(struct pell_scene_reader *r, const struct pell_json *place, const struct pell_json *at,
+                                       const char *text, int channel, const struct depth_defaults *defaults, const struct pell_material *m,
+                                       struct pell_scene_layer *layer)
 {
     static const char *const encodings[] = { "linear", "inverse" };
     const struct pell_json scale = pell_json_get(at, "depth_scale");
     struct pell_layer_fault fault;
-    double mm = all->scale;
-    int inverse = all->inverse;
+    double mm = defaults->scale;
+    int inverse = defaults->inverse;
     enum pell_result res;
 
     PELL_TRY(pell_json_choice(at, "depth_encoding", encodings, PELL_COUNT(encodings), &inverse));
@@ -166,25 +167,26 @@ fail:
     return res;
 }
 
-static enum pell_result read_depth(struct pell_scene_reader *r, const struct pell_json *at, int i, bool last, const struct painted *all,
-                                   const struct pell_material *m, float *above, struct pell_scene_layer *layer)
+static enum pell_result read_depth(struct pell_scene_reader *r, const struct pell_json *at, int i, bool last,
+                                   const struct depth_defaults *defaults, const struct pell_material *m, float *above,
+                                   struct pell_scene_layer *layer)
 {
-    const struct pell_json place = pell_json_get(at, "depth");
+    const struct pell_json depth = pell_json_get(at, "depth");
     const char *text;
     double mm;
     enum pell_result res;
 
-    if (place.value) {
-        if (!json_is_string(place.value))
-            return pell_json_error(&place, PELL_ERR_FORMAT, "write it with its unit, as in \"1.2mm\", or \"image.png#r\"",
+    if (depth.value) {
+        if (!json_is_string(depth.value))
+            return pell_json_error(&depth, PELL_ERR_FORMAT, "write it with its unit, as in \"1.2mm\", or \"image.png#r\"",
                                    "must be a text: a length without a unit could mean anything");
-        PELL_TRY(pell_json_to_string(&place, &text));
+        PELL_TRY(pell_json_to_string(&depth, &text));
         if (!is_length(text))
-            return take_map(r, &place, at, text, -1, all, m, layer);
-    } else if ((size_t) i < 4 * all->count) {
-        const struct pell_json picture = pell_json_at(&all->depths, (size_t) i / 4);
+            return read_depth_map(r, &depth, at, text, -1, defaults, m, layer);
+    } else if ((size_t) i < 4 * defaults->count) {
+        const struct pell_json picture = pell_json_at(&defaults->depths, (size_t) i / 4);
         PELL_TRY(pell_json_to_string(&picture, &text));
-        return take_map(r, &picture, at, text, i % 4, all, m, layer);
+        return read_depth_map(r, &picture, at, text, i % 4, defaults, m, layer);
     }
     for (const char *const *k = (const char *const[]) { "depth_scale", "depth_encoding", NULL }; *k; k++) {
         const struct pell_json of_map = pell_json_get(at, *k);
@@ -192,13 +194,13 @@ static enum pell_result read_depth(struct pell_scene_reader *r, const struct pel
             return pell_json_error(&of_map, PELL_ERR_FORMAT, NULL, "belongs to a painted depth: \"depth\" is no image here");
     }
     layer->depth = INFINITY;
-    if (!place.value && !last)
+    if (!depth.value && !last)
         return pell_json_require(at, "depth");
-    if (!place.value)
+    if (!depth.value)
         return PELL_OK;
-    PELL_TRY(pell_scene_text_length(&place, true, &mm));
+    PELL_TRY(pell_scene_text_length(&depth, true, &mm));
     if (!((float) mm >= *above && mm <= (double) PELL_LAYER_DEPTH_MAX))
-        return pell_json_error(&place, PELL_ERR_FORMAT, "depths are from the surface to the layer's bottom; layers go from top to bottom",
+        return pell_json_error(&depth, PELL_ERR_FORMAT, "depths are from the surface to the layer's bottom; layers go from top to bottom",
                                "is %g mm, allowed: [%g, %g]", mm, (double) *above, (double) PELL_LAYER_DEPTH_MAX);
     *above = layer->depth = (float) mm;
     return PELL_OK;
@@ -209,7 +211,7 @@ fail:
 
 /* --- All ---------------------------------------------------------------------------------------------------------------------- */
 
-static enum pell_result read_painted(const struct pell_json *at, struct painted *out)
+static enum pell_result read_depth_defaults(const struct pell_json *at, struct depth_defaults *out)
 {
     static const char *const encodings[] = { "linear", "inverse" };
     const struct pell_json scale = pell_json_get(at, "depth_scale");
@@ -217,11 +219,11 @@ static enum pell_result read_painted(const struct pell_json *at, struct painted 
 
     memset(out, 0, sizeof(*out));
     for (const char *const *k = (const char *const[]) { "depths", "depth_scale", "depth_encoding", "below", NULL }; *k; k++) {
-        const struct pell_json place = pell_json_get(at, *k);
-        if (place.value && !pell_json_has(at, "layers"))
-            return pell_json_error(&place, PELL_ERR_FORMAT, NULL, "stands without layers");
+        const struct pell_json value = pell_json_get(at, *k);
+        if (value.value && !pell_json_has(at, "layers"))
+            return pell_json_error(&value, PELL_ERR_FORMAT, NULL, "stands without layers");
     }
-    PELL_TRY(pell_json_array(at, "depths", 1, DEPTHS_MOST, &out->depths));
+    PELL_TRY(pell_json_array(at, "depths", 1, DEPTH_IMAGES_MOST, &out->depths));
     out->count = pell_json_count(&out->depths);
     if (scale.value)
         PELL_TRY(pell_scene_text_length(&scale, false, &out->scale));
@@ -232,8 +234,9 @@ fail:
     return res;
 }
 
-static enum pell_result read_layer(struct pell_scene_reader *r, const struct pell_json *at, int i, bool last, const struct painted *all,
-                                   const struct pell_material *m, float *above, struct pell_scene_layer *layer)
+static enum pell_result read_layer(struct pell_scene_reader *r, const struct pell_json *at, int i, bool last,
+                                   const struct depth_defaults *defaults, const struct pell_material *m, float *above,
+                                   struct pell_scene_layer *layer)
 {
     const char *name = "";
     enum pell_result res;
@@ -248,7 +251,7 @@ static enum pell_result read_layer(struct pell_scene_reader *r, const struct pel
     layer->medium.eta = m->medium.eta;
     PELL_TRY(read_phase(at, layer));
     PELL_TRY(read_sigmas(at, &layer->medium));
-    PELL_TRY(read_depth(r, at, i, last, all, m, above, layer));
+    PELL_TRY(read_depth(r, at, i, last, defaults, m, above, layer));
     return PELL_OK;
 
 fail:
@@ -296,22 +299,22 @@ enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struc
     struct pell_material *m = &r->scene->materials[material];
     const struct pell_material *other;
     struct pell_layer_measure measure[PELL_LAYERS_MOST];
-    struct painted all;
+    struct depth_defaults defaults;
     struct pell_json list;
     float above = 0.0f;
     int below = PELL_SUBSTRATE_LAST, count;
     int64_t texels;
     enum pell_result res;
 
-    PELL_TRY(read_painted(at, &all));
+    PELL_TRY(read_depth_defaults(at, &defaults));
     PELL_TRY(pell_json_array(at, "layers", 1, PELL_LAYERS_MOST, &list));
     if (!list.value)
         return PELL_OK;
     PELL_TRY(pell_json_choice(at, "below", substrate_names, PELL_COUNT(substrate_names), &below));
     count = (int) pell_json_count(&list);
-    if (all.count > ((size_t) count + 3) / 4)
-        return pell_json_error(&all.depths, PELL_ERR_FORMAT, "an image paints four layers, one in each channel", "has %s for %s",
-                               pell_counted((long long) all.count, "image", "images").str, pell_counted(count, "layer", "layers").str);
+    if (defaults.count > ((size_t) count + 3) / 4)
+        return pell_json_error(&defaults.depths, PELL_ERR_FORMAT, "an image paints four layers, one in each channel", "has %s for %s",
+                               pell_counted((long long) defaults.count, "image", "images").str, pell_counted(count, "layer", "layers").str);
     PELL_TRY(pell_material_allocate_layers(r->scene, material, count));
     m->substrate = (enum pell_substrate) below;
     other = r->layers == list.value ? &r->scene->materials[r->layers_of] : NULL;
@@ -326,7 +329,7 @@ enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struc
     r->layers_of = material;
     for (int i = 0; i < count; i++) {
         const struct pell_json layer = pell_json_at(&list, (size_t) i);
-        PELL_TRY(read_layer(r, &layer, i, i + 1 == count, &all, m, &above, &m->layers[i]));
+        PELL_TRY(read_layer(r, &layer, i, i + 1 == count, &defaults, m, &above, &m->layers[i]));
     }
     texels = pell_scene_layers_measure(m, measure);
     warn_of_crossings(&list, m, measure, texels);

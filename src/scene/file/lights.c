@@ -24,7 +24,7 @@ const struct pell_scene_keys pell_light_keys[PELL_LIGHT_KINDS] = {
 };
 
 static const char *const light_names[] = { "point", "spot", "directional", "rect", "disc", "environment" };
-static const char *const powers[] = { "intensity", "intensity", "irradiance", "radiance", "radiance" };
+static const char *const power_keys[] = { "intensity", "intensity", "irradiance", "radiance", "radiance" };
 
 static enum pell_result read_environment(struct pell_scene_reader *r, const struct pell_json *at, struct pell_light *l)
 {
@@ -68,7 +68,7 @@ fail:
 static enum pell_result read_source(struct pell_scene_reader *r, const struct pell_json *at, struct pell_light *l)
 {
     const bool area = l->type == PELL_LIGHT_RECT || l->type == PELL_LIGHT_DISC;
-    const char *power = powers[l->type];
+    const char *power = power_keys[l->type];
     double from[3] = { 0 }, to[3] = { 0 }, fov = 0.0;
     enum pell_result res;
 
@@ -123,7 +123,7 @@ static enum pell_result read_studio(struct pell_scene_reader *r, const struct pe
     if (json_is_string(value.value)) {
         PELL_TRY(pell_json_to_string(&value, &name));
         PELL_TRY(pell_studio_read(r->ctx, PELL_ERR_FORMAT, pell_json_where(&value, &where), name, &index));
-        if (!extras->view.lights)
+        if (!extras->view.has_studio)
             extras->view.studio = index;
     } else {
         PELL_TRY(pell_json_bool(at, "studio", &studio));
@@ -177,7 +177,7 @@ enum pell_result pell_scene_lights(struct pell_scene_reader *r, const struct pel
                   pell_counted((long long) r->scene->num_lights, "light of the mesh files is", "lights of the mesh files are").str);
     while (r->scene->num_lights)
         pell_free(r->ctx, r->scene->lights[--r->scene->num_lights].name);
-    extras->no_lights = true;
+    extras->own_lights = true;
     for (size_t i = 0; i < pell_json_count(&lights); i++) {
         const struct pell_json at = pell_json_at(&lights, i);
         PELL_TRY(read_light(r, &at, extras));

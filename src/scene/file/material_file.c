@@ -56,14 +56,9 @@ static enum pell_result read_g(const struct pell_json *root, double *g)
     return res;
 }
 
-static bool has(const struct pell_json *root, const char *key)
-{
-    return pell_json_get(root, key).value != NULL;
-}
-
 enum pell_result pell_read_medium(const struct pell_json *at, struct pell_medium *medium)
 {
-    const enum pell_result code = at->file->range ? at->file->range : PELL_ERR_INVALID;
+    const enum pell_result code = at->file->range_error ? at->file->range_error : PELL_ERR_INVALID;
     struct pell_medium_fault fault;
     double sigma_s[3];
     enum pell_result res;
@@ -72,10 +67,10 @@ enum pell_result pell_read_medium(const struct pell_json *at, struct pell_medium
     PELL_TRY(pell_json_numbers(at, "sigma_a", 3, 0.0, 1e6, medium->sigma_a));
     medium->g[0] = medium->g[1] = medium->g[2] = 0.0;
     PELL_TRY(read_g(at, medium->g));
-    if (has(at, "sigma_s") && has(at, "sigma_s_reduced"))
+    if (pell_json_has(at, "sigma_s") && pell_json_has(at, "sigma_s_reduced"))
         return pell_json_error(at, code, "sigma_s_reduced = sigma_s (1 - g)", "has both sigma_s and sigma_s_reduced; one is allowed");
-    if (has(at, "sigma_s")) {
-        if (!has(at, "g"))
+    if (pell_json_has(at, "sigma_s")) {
+        if (!pell_json_has(at, "g"))
             return pell_json_error(at, code, "write sigma_s_reduced if the coefficients are reduced", "has sigma_s without g");
         PELL_TRY(pell_json_numbers(at, "sigma_s", 3, 0.0, 1e6, sigma_s));
         for (int c = 0; c < 3; c++)
@@ -246,7 +241,7 @@ static enum pell_result read_layer(const struct pell_json *at, bool last, double
     PELL_TRY(pell_json_require(at, "sigma_a"));
     PELL_TRY(pell_json_numbers(at, "sigma_a", 3, 0.0, PELL_SIGMA_MAX, m->sigma_a));
     PELL_TRY(pell_json_choice(at, "phase", phases, PELL_COUNT(phases), &phase));
-    if (phase == PELL_PHASE_RAYLEIGH && has(at, "g")) {
+    if (phase == PELL_PHASE_RAYLEIGH && pell_json_has(at, "g")) {
         const struct pell_json where = pell_json_get(at, "g");
         return pell_json_error(&where, PELL_ERR_FORMAT, NULL, "does not belong to the phase function \"rayleigh\"");
     }
@@ -255,11 +250,11 @@ static enum pell_result read_layer(const struct pell_json *at, bool last, double
         item->phase[c] = (struct pell_phase) { .kind = (enum pell_phase_kind) phase, .g = { g[c] } };
         m->g[c] = pell_phase_mean_cosine(&item->phase[c]);
     }
-    if (has(at, "sigma_s") && has(at, "sigma_s_reduced"))
+    if (pell_json_has(at, "sigma_s") && pell_json_has(at, "sigma_s_reduced"))
         return pell_json_error(at, PELL_ERR_FORMAT, "sigma_s_reduced = sigma_s (1 - mean cosine)",
                                "has both sigma_s and sigma_s_reduced; one is allowed");
-    if (has(at, "sigma_s")) {
-        if (!has(at, "g") && phase != PELL_PHASE_RAYLEIGH)
+    if (pell_json_has(at, "sigma_s")) {
+        if (!pell_json_has(at, "g") && phase != PELL_PHASE_RAYLEIGH)
             return pell_json_error(at, PELL_ERR_FORMAT, "write sigma_s_reduced if the coefficients are reduced", "has sigma_s without g");
         PELL_TRY(pell_json_numbers(at, "sigma_s", 3, 0.0, PELL_SIGMA_MAX, sigma_s));
         for (int c = 0; c < 3; c++)
@@ -331,10 +326,10 @@ static enum pell_result refuse_stack(const struct pell_json *where, const struct
 /* Reads a stack and its reflectance: from the file, else solved here. */
 static enum pell_result read_layers(const struct pell_json *root, struct pell_material_entry *e)
 {
-    const struct pell_json where = pell_json_get(root, has(root, "skin") ? "skin" : "layers");
+    const struct pell_json where = pell_json_get(root, pell_json_has(root, "skin") ? "skin" : "layers");
     enum pell_result res;
 
-    if (has(root, "skin")) {
+    if (pell_json_has(root, "skin")) {
         const struct pell_json layers = pell_json_get(root, "layers"), eta = pell_json_get(root, "eta");
         if (layers.value)
             return pell_json_error(&layers, PELL_ERR_FORMAT, NULL, "stands beside skin; one of them is allowed");
@@ -352,7 +347,7 @@ static enum pell_result read_layers(const struct pell_json *root, struct pell_ma
             PELL_TRY(read_layer(&at, i + 1 == e->layers.count, e->medium.eta, &e->layers.item[i]));
         }
     }
-    if (has(root, "variances") || has(root, "weights"))
+    if (pell_json_has(root, "variances") || pell_json_has(root, "weights"))
         return read_sum(root, false, &e->gaussians);
     res = pell_material_solve(&e->layers, &e->gaussians, NULL);
     if (res == PELL_ERR_INVALID)
@@ -382,9 +377,9 @@ static enum pell_result read_entry(const struct pell_json *root, struct pell_mat
                                                 "concentration", "same_medium_as", "dilution",        NULL };
     static const char *const sums[] = { "variances", "weights", "same_profile_as", NULL }, *const same[] = { "same_profile_as", NULL };
     static const char *const stacks[] = { "layers", "skin", NULL };
-    int kind = has(root, "layers") || has(root, "skin")                 ? PELL_MATERIAL_LAYERS
-               : has(root, "variances") || has(root, "same_profile_as") ? PELL_MATERIAL_GAUSSIANS
-                                                                        : PELL_MATERIAL_MEDIUM;
+    int kind = pell_json_has(root, "layers") || pell_json_has(root, "skin")                 ? PELL_MATERIAL_LAYERS
+               : pell_json_has(root, "variances") || pell_json_has(root, "same_profile_as") ? PELL_MATERIAL_GAUSSIANS
+                                                                                            : PELL_MATERIAL_MEDIUM;
     int color_from;
     enum pell_result res;
 
@@ -469,7 +464,7 @@ static enum pell_result keep_texts(struct pell_context *ctx, const char *const t
 enum pell_result pell_material_read(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
                                     struct pell_material_entry *entry)
 {
-    struct pell_json_file file = { .ctx = ctx, .path = path, .range = PELL_ERR_FORMAT };
+    struct pell_json_file file = { .ctx = ctx, .path = path, .range_error = PELL_ERR_FORMAT };
     const char *texts[TEXTS] = { pell_path_name(path), "", "", "", "" }, *schema;
     struct pell_json root;
     enum pell_result res;

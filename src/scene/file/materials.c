@@ -199,18 +199,18 @@ static enum pell_result read_lengths(const struct pell_json *parent, const char 
 /* One number for all channels, or three. */
 static enum pell_result read_reflectance(const struct pell_json *at, const char *key, double color[3])
 {
-    const struct pell_json place = pell_json_get(at, key);
+    const struct pell_json value = pell_json_get(at, key);
     enum pell_result res;
 
-    if (!json_is_number(place.value))
+    if (!json_is_number(value.value))
         return pell_json_numbers(at, key, 3, 0.0, 1.0, color);
-    res = pell_json_to_number(&place, 0.0, 1.0, &color[0]);
+    res = pell_json_to_number(&value, 0.0, 1.0, &color[0]);
     color[1] = color[2] = color[0];
     return res;
 }
 
 /* "color" with a length: the medium whose diffuse reflectance, by the material's profile model, is this colour. */
-static enum pell_result read_look(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
+static enum pell_result read_color_and_radius(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
 {
     const char *key = length_key(at), *kinds[PELL_SCATTER_RADII];
     struct pell_color_and_radius params = { .eta = m->medium.eta };
@@ -248,17 +248,17 @@ fail:
 /* The colour of the surface. */
 static enum pell_result read_color(const struct pell_json *at, struct pell_material *m)
 {
-    const struct pell_json place = pell_json_get(at, "color");
+    const struct pell_json value = pell_json_get(at, "color");
     const char *below = "";
     double color[3];
     enum pell_result res;
 
-    if (!place.value)
+    if (!value.value)
         return PELL_OK;
     PELL_TRY(read_reflectance(at, "color", color));
     PELL_TRY(pell_json_string(at, "below", &below));
     if (!length_key(at) && !m->opaque && strcmp(below, "surface-color") != 0 && m->color_from == PELL_COLOR_FROM_PROFILE)
-        return pell_json_error(&place, PELL_ERR_FORMAT, "add mean_free_path (\"1mm\"), or \"color_from\": \"texture\", or \"opaque\": true",
+        return pell_json_error(&value, PELL_ERR_FORMAT, "add mean_free_path (\"1mm\"), or \"color_from\": \"texture\", or \"opaque\": true",
                                "says nothing about a material whose colour comes from its profile");
     for (int c = 0; c < 3; c++)
         m->base_color[c] = (float) color[c];
@@ -415,14 +415,15 @@ fail:
 /* A thin sheet. Its transmitted colour is that of the surface unless given separately. */
 static enum pell_result read_sheet(const struct pell_json *at, struct pell_material *m)
 {
-    const struct pell_json place = pell_json_get(at, "diffuse_transmission");
+    const struct pell_json transmission = pell_json_get(at, "diffuse_transmission");
     double color[3];
     enum pell_result res = PELL_OK;
 
-    if (place.value && !m->opaque)
-        return pell_json_error(&place, PELL_ERR_FORMAT, "add \"opaque\": true, or leave it out: light passes a medium by its thickness",
+    if (transmission.value && !m->opaque)
+        return pell_json_error(&transmission, PELL_ERR_FORMAT,
+                               "add \"opaque\": true, or leave it out: light passes a medium by its thickness",
                                "is of thin opaque sheets, and material \"%s\" is translucent", m->name);
-    if (place.value && m->diffuse_transmission == 0.0f) {
+    if (transmission.value && m->diffuse_transmission == 0.0f) {
         memcpy(m->diffuse_transmission_color, m->base_color, sizeof(m->diffuse_transmission_color));
         m->diffuse_transmission_color_map = m->base_color_map;
     }
@@ -448,7 +449,7 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     PELL_TRY(pell_json_only(at, pell_material_keys, PELL_MATERIAL_KEYS));
     PELL_TRY(read_optics(r, at, m));
     PELL_TRY(read_profile(r, at, m));
-    PELL_TRY(read_look(r, at, m));
+    PELL_TRY(read_color_and_radius(r, at, m));
     PELL_TRY(pell_json_bool(at, "opaque", &m->opaque));
     color_from = m->color_from == PELL_COLOR_FROM_TEXTURE;
     PELL_TRY(pell_json_choice(at, "color_from", sources, PELL_COUNT(sources), &color_from));

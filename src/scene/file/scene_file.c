@@ -46,7 +46,7 @@ const struct pell_scene_keys pell_scene_keys[] = {
 static enum pell_result read_side(struct pell_scene_reader *r, const struct pell_json *at, struct pell_extras *extras)
 {
     const struct pell_json side = pell_json_get(at, "side");
-    struct pell_viewpoint view = { .studio = extras->view.studio, .lights = extras->view.lights };
+    struct pell_viewpoint view = { .studio = extras->view.studio, .has_studio = extras->view.has_studio };
     struct pell_text where;
     const char *text;
     enum pell_result res;
@@ -60,7 +60,7 @@ static enum pell_result read_side(struct pell_scene_reader *r, const struct pell
     PELL_TRY(ONLY(at, side_keys));
     PELL_TRY(pell_json_to_string(&side, &text));
     PELL_TRY(pell_side_read(r->ctx, PELL_ERR_FORMAT, pell_json_where(&side, &where), text, &view));
-    if (!extras->view.from && !(r->loader && r->loader->params->camera))
+    if (!extras->view.has_from && !(r->loader && r->loader->params->camera))
         extras->view = view;
 
 fail:
@@ -379,7 +379,7 @@ enum pell_result pell_read_scene_file(const struct pell_loader *loader, const ch
 {
     struct pell_scene_reader r = { .ctx = loader->ctx,
                                    .loader = loader,
-                                   .file = { .ctx = loader->ctx, .path = path, .range = PELL_ERR_FORMAT },
+                                   .file = { .ctx = loader->ctx, .path = path, .range_error = PELL_ERR_FORMAT },
                                    .objects = { .ctx = loader->ctx, .where = path },
                                    .unit = 1.0,
                                    .image_rate = 24.0 };
@@ -464,9 +464,10 @@ fail:
 
 enum pell_result pell_scene_read_view(struct pell_scene *scene, const char *path, const void *data, size_t size)
 {
-    struct pell_scene_reader r = {
-        .ctx = scene->ctx, .scene = scene, .file = { .ctx = scene->ctx, .path = path, .range = PELL_ERR_FORMAT }, .unit = scene->mm_per_unit
-    };
+    struct pell_scene_reader r = { .ctx = scene->ctx,
+                                   .scene = scene,
+                                   .file = { .ctx = scene->ctx, .path = path, .range_error = PELL_ERR_FORMAT },
+                                   .unit = scene->mm_per_unit };
     const size_t cameras = scene->num_cameras;
     struct pell_extras extras = { .ground_material = -1 };
     struct pell_json root;
@@ -476,7 +477,7 @@ enum pell_result pell_scene_read_view(struct pell_scene *scene, const char *path
     root = pell_json_root(&r.file);
     PELL_TRY(pell_json_is_object(&root));
     PELL_TRY(read_camera(&r, &root, &extras));
-    if (extras.view.from)
+    if (extras.view.has_from)
         PELL_TRY(pell_scene_frame_from(scene, &extras.view, 0.0f));
     if (scene->num_cameras > cameras) /* it replaced the first camera, which moved to the end */
         pell_free(r.ctx, scene->cameras[--scene->num_cameras].name);

@@ -131,7 +131,7 @@ fail:
 /* From `at` towards `to`, which must differ. */
 enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key, const double *at, const double *to, float *direction)
 {
-    const struct pell_json place = pell_json_get(parent, key);
+    const struct pell_json target = pell_json_get(parent, key);
     double d[3], length = 0.0;
 
     for (int c = 0; c < 3; c++) {
@@ -140,7 +140,7 @@ enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key,
     }
     length = sqrt(length);
     if (!(length > 0.0) || !isfinite(length))
-        return pell_json_error(place.value ? &place : parent, PELL_ERR_FORMAT, NULL,
+        return pell_json_error(target.value ? &target : parent, PELL_ERR_FORMAT, NULL,
                                "\"%s\" is where the %s stands, so it gives no direction", key,
                                strcmp(key, "to") == 0 && pell_json_has(parent, "from") ? "camera" : "light");
     for (int c = 0; c < 3; c++)

@@ -38,7 +38,7 @@ static size_t percent_decode(const char *text, size_t length, uint8_t *out)
 static bool starts_with(const char *text, const char *start)
 {
     for (; *start; text++, start++)
-        if ((*text >= 'A' && *text <= 'Z' ? *text - 'A' + 'a' : *text) != *start)
+        if (pell_lower(*text) != *start)
             return false;
     return true;
 }

@@ -106,7 +106,7 @@ struct gltf_mesh {
 struct gltf_node {
     struct pell_mat4 world; /* valid if `placed` */
     int32_t parent;         /* -1: none */
-    int32_t below;          /* during a walk upwards: the node it came from */
+    int32_t child;          /* during a walk upwards: the node it came from */
     bool placed;
 };
 
@@ -129,11 +129,11 @@ struct gltf_track {
 struct gltf_skin {
     struct pell_mat4 *matrix; /* joint's world matrix x inverse bind matrix */
     uint32_t num_joints;
-    bool ready, flat; /* flat: all matrices are singular */
+    bool ready, singular; /* singular: all matrices are */
 };
 
 /* The transform of a drawn mesh. */
-struct gltf_placing {
+struct gltf_placement {
     const struct pell_json *node;  /* NULL: a file without nodes */
     const struct pell_mat4 *world; /* unused with a skin */
     const struct gltf_skin *skin;  /* NULL: rigid */
@@ -207,8 +207,7 @@ PELL_NODISCARD enum pell_result gltf_meshopt_decode(struct gltf *g, const struct
 
 /* --- gltf/buffer.c ---------------------------------------------------------------------------------------------------------- */
 
-/* Decodes a data URI. Returns the problem with it, or NULL. *bytes is owned by the caller; NULL if out of memory (and *problem is NULL,
- * too). */
+/* Decodes a data URI. *bytes is owned by the caller. *problem: what is wrong with the URI, and *bytes is NULL; else NULL. */
 PELL_NODISCARD enum pell_result gltf_data_uri(struct pell_context *ctx, const char *uri, uint8_t **bytes, size_t *size,
                                               const char **problem);
 bool gltf_is_data_uri(const char *uri);
@@ -218,7 +217,7 @@ PELL_NODISCARD enum pell_result gltf_file_uri(struct pell_context *ctx, const ch
 /* The bytes of the buffer view that parent.key names; the key must be there. */
 PELL_NODISCARD enum pell_result gltf_view(struct gltf *g, const struct pell_json *parent, const char *key, struct gltf_bytes *out,
                                           uint32_t *stride);
-/* `at` is where the index was given, so that messages name the use, not the accessor. */
+/* Reads and checks an accessor when it is first used. */
 PELL_NODISCARD enum pell_result gltf_accessor(struct gltf *g, int64_t index, const struct gltf_accessor **out);
 /* Writes count x components floats: integers as normalised if `normalize` or if the accessor says so. */
 void gltf_read_floats(const struct gltf_accessor *a, bool normalize, float *out);
@@ -231,7 +230,7 @@ void gltf_read_indices(const struct gltf_accessor *a, uint32_t *out);
 /* --- gltf/mesh.c ------------------------------------------------------------------------------------------------------------ */
 
 /* Adds a mesh's primitives to the scene; all with one object number. */
-PELL_NODISCARD enum pell_result gltf_place_mesh(struct gltf *g, int64_t mesh, const char *name, const struct gltf_placing *placing);
+PELL_NODISCARD enum pell_result gltf_place_mesh(struct gltf *g, int64_t mesh, const char *name, const struct gltf_placement *placement);
 
 /* --- gltf/morph.c ----------------------------------------------------------------------------------------------------------- */
 
@@ -280,9 +279,9 @@ bool gltf_normalize_quaternion(double q[4], double *length);
 size_t gltf_first_not_finite(const float *x, size_t count);
 /* Transforms and normalises vectors of `size` floats; those without a direction (zero, not finite, collapsed by a singular transform)
  * become zero. Returns how many. `matrix` NULL: no transform. */
-size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size);
+size_t gltf_transform_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size);
 /* Accounts for work that the size of the scene doesn't bound, before it is done. */
-PELL_NODISCARD enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_t vertices);
+PELL_NODISCARD enum pell_result gltf_count_deformed(struct gltf *g, const struct pell_json *at, uint64_t vertices);
 
 /* --- gltf/material.c -------------------------------------------------------------------------------------------------------- */
 

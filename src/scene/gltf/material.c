@@ -116,12 +116,11 @@ static enum pell_result read_translucency(struct gltf *g, const struct pell_json
         PELL_TRY(gltf_extension(at, scatters[i], &t->extensions[3], &t->scatter));
     }
     if (t->volume.value) {
-        double none = INFINITY, *distance = &t->attenuation_distance;
         PELL_TRY(gltf_factor(g, &t->volume, "thicknessFactor", 0.0, 1e12, &t->thickness));
         PELL_TRY(gltf_factors(g, &t->volume, "attenuationColor", 3, 0.0, 1.0, t->attenuation_color));
-        PELL_TRY(pell_json_number(&t->volume, "attenuationDistance", 1e-12, 1e300, distance));
-        if (*distance > 1e12)
-            *distance = none;
+        PELL_TRY(pell_json_number(&t->volume, "attenuationDistance", 1e-12, 1e300, &t->attenuation_distance));
+        if (t->attenuation_distance > 1e12)
+            t->attenuation_distance = INFINITY;
     }
     if (t->diffuse.value) {
         PELL_TRY(gltf_factor(g, &t->diffuse, "diffuseTransmissionFactor", 0.0, 1.0, &t->diffuse_factor));
@@ -160,19 +159,19 @@ static void extinction(const struct translucency *t, bool given, const struct pe
 
 static void set_medium(struct gltf *g, const struct pell_json *at, const struct translucency *t, struct pell_material *m)
 {
-    const bool distance = isfinite(t->attenuation_distance), measured = t->scatter.value && distance;
+    const bool given = t->scatter.value && isfinite(t->attenuation_distance);
     double sigma_t[3];
 
-    extinction(t, measured, &m->medium, sigma_t);
+    extinction(t, given, &m->medium, sigma_t);
     for (int c = 0; c < 3; c++) {
         const double f = t->diffuse_factor, surface = (1.0 - f) * m->base_color[c] + f * t->diffuse_color[c];
-        const double color = t->scatter.value ? t->multiscatter[c] : fmin(surface, 0.95), gc = measured ? t->g : 0.0;
+        const double color = t->scatter.value ? t->multiscatter[c] : fmin(surface, 0.95), gc = given ? t->g : 0.0;
         const double sigma_s = albedo_of_color(color, gc) * sigma_t[c];
         m->medium.sigma_s_reduced[c] = (1.0 - gc) * sigma_s;
         m->medium.sigma_a[c] = sigma_t[c] - sigma_s;
         m->medium.g[c] = gc;
     }
-    if (measured)
+    if (given)
         return;
     if (t->scatter.value)
         gltf_warn(g, GLTF_WARN_INTERIOR, at, "give KHR_materials_volume an attenuationDistance, or a preset in a scene file",
@@ -296,7 +295,7 @@ fail:
 }
 
 /* One value per pixel: 1 - factor x alpha, rounded to the nearest of 255 steps. */
-static void roughness_of(const struct pell_image *from, float factor, uint8_t *to)
+static void glossiness_to_roughness(const struct pell_image *from, float factor, uint8_t *to)
 {
     const size_t pixels = (size_t) from->width * (size_t) from->height, channels = (size_t) from->channels;
 
@@ -323,7 +322,7 @@ static enum pell_result invert_glossiness(struct gltf *g, const struct pell_text
     }
     PELL_TRY(pell_scene_add_texture(g->scene, map->texture->name, &texture));
     PELL_TRY(pell_texture_allocate(g->scene, texture, image->width, image->height, 1, PELL_PIXEL_U8));
-    roughness_of(image, factor, texture->image.pixels);
+    glossiness_to_roughness(image, factor, texture->image.pixels);
     texture->wrap_u = map->texture->wrap_u;
     texture->wrap_v = map->texture->wrap_v;
     texture->nearest = map->texture->nearest;
@@ -343,25 +342,25 @@ fail:
 static enum pell_result read_specular_glossiness(struct gltf *g, const struct pell_json *at, struct pell_material *m, bool *given)
 {
     const float f0 = 0.04f; /* ((1.5 - 1)/(1.5 + 1))^2 */
-    struct pell_json extensions, old;
+    struct pell_json extensions, spec_gloss;
     float glossiness = 1.0f;
     enum pell_result res;
 
-    PELL_TRY(gltf_extension(at, "KHR_materials_pbrSpecularGlossiness", &extensions, &old));
-    *given = old.value != NULL;
+    PELL_TRY(gltf_extension(at, "KHR_materials_pbrSpecularGlossiness", &extensions, &spec_gloss));
+    *given = spec_gloss.value != NULL;
     if (!*given)
         return PELL_OK;
     m->metallic = 0.0f;
     for (int c = 0; c < 3; c++)
         m->specular_color[c] = 1.0f;
-    PELL_TRY(gltf_factors(g, &old, "diffuseFactor", 4, 0.0, 1.0, m->base_color));
-    PELL_TRY(gltf_factors(g, &old, "specularFactor", 3, 0.0, 1.0, m->specular_color));
-    PELL_TRY(gltf_factor(g, &old, "glossinessFactor", 0.0, 1.0, &glossiness));
+    PELL_TRY(gltf_factors(g, &spec_gloss, "diffuseFactor", 4, 0.0, 1.0, m->base_color));
+    PELL_TRY(gltf_factors(g, &spec_gloss, "specularFactor", 3, 0.0, 1.0, m->specular_color));
+    PELL_TRY(gltf_factor(g, &spec_gloss, "glossinessFactor", 0.0, 1.0, &glossiness));
     for (int c = 0; c < 3; c++)
         m->specular_color[c] /= f0;
     m->roughness = 1.0f - glossiness;
-    PELL_TRY(gltf_texture_map(g, &old, "diffuseTexture", PELL_ROLE_COLOR, 0, &m->base_color_map));
-    PELL_TRY(gltf_texture_map(g, &old, "specularGlossinessTexture", PELL_ROLE_COLOR, 0, &m->specular_color_map));
+    PELL_TRY(gltf_texture_map(g, &spec_gloss, "diffuseTexture", PELL_ROLE_COLOR, 0, &m->base_color_map));
+    PELL_TRY(gltf_texture_map(g, &spec_gloss, "specularGlossinessTexture", PELL_ROLE_COLOR, 0, &m->specular_color_map));
     return m->specular_color_map.texture ? invert_glossiness(g, &m->specular_color_map, glossiness, m) : PELL_OK;
 
 fail:
@@ -430,11 +429,11 @@ fail:
 static enum pell_result read_surface(struct gltf *g, const struct pell_json *at, struct pell_material *m)
 {
     struct pell_json normal;
-    bool old; /* specular-glossiness */
+    bool spec_gloss; /* specular-glossiness */
     enum pell_result res;
 
-    PELL_TRY(read_specular_glossiness(g, at, m, &old));
-    if (!old) {
+    PELL_TRY(read_specular_glossiness(g, at, m, &spec_gloss));
+    if (!spec_gloss) {
         PELL_TRY(read_metallic_roughness(g, at, m));
         PELL_TRY(read_specular(g, at, m));
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * mesh.c - primitives of glTF 2.0 (section 3.7.2 of the specification) as meshes of the scene: attributes, triangles of lists,
- * strips and fans, and their placing in the world.
+ * strips and fans, and their placement in the world.
  *
  * A mesh is read, morphed (morph.c), then transformed by its node, or by the joints of its skin (skin.c).
  *
@@ -8,6 +8,7 @@
  * the bitangent. Where a primitive has no normals, pell_scene_complete makes them, smooth but for creases: the specification asks for
  * flat ones, which would cut a translucent surface into facets. */
 #include "scene/gltf/gltf.h"
+#include "scene/scene.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -142,24 +143,17 @@ static enum pell_result attribute(struct gltf *g, const struct pell_json *primit
 
 static void transform_positions(const struct pell_mat4 *matrix, float *p, size_t count)
 {
-    const double *m = matrix->m;
-    for (size_t i = 0; i < count; i++, p += 3) {
-        const double x = p[0], y = p[1], z = p[2];
-        p[0] = (float) (m[0] * x + m[4] * y + m[8] * z + m[12]);
-        p[1] = (float) (m[1] * x + m[5] * y + m[9] * z + m[13]);
-        p[2] = (float) (m[2] * x + m[6] * y + m[10] * z + m[14]);
-    }
+    for (size_t i = 0; i < count; i++, p += 3)
+        vec3_store(mat4_point(matrix, vec3_load(p)), p);
 }
 
 /* Checks that positions are finite as read and after the transform. */
 static enum pell_result check_positions(const struct pell_json *at, const struct pell_mesh *mesh)
 {
     const size_t n = 3 * (size_t) mesh->num_vertices, bad = gltf_first_not_finite(mesh->position, n);
-    const float *out = mesh->position;
-
     if (bad < n)
         return pell_json_error(at, PELL_ERR_FORMAT, NULL, "POSITION %zu has %c = %g, allowed: finite numbers", bad / 3, "xyz"[bad % 3],
-                               (double) out[bad]);
+                               (double) mesh -> position[bad]);
     return PELL_OK;
 }
 
@@ -395,15 +389,10 @@ fail:
 static void check_uv_sets(struct gltf *g, const struct pell_json *at, const struct pell_mesh *mesh)
 {
     const struct pell_material *m = &g->scene->materials[mesh->material];
+    const int uv = pell_scene_missing_uv(mesh, m);
 
-    for (enum pell_map i = 0; i < PELL_MAPS; i++) {
-        const struct pell_texture_map *map = pell_material_map(m, i);
-        if (map->texture && !mesh->uv[map->uv]) {
-            gltf_warn(g, GLTF_WARN_PRIMITIVE, at, NULL, "material \"%s\" has a texture on TEXCOORD_%d, which the primitive lacks", m->name,
-                      map->uv);
-            return;
-        }
-    }
+    if (uv >= 0)
+        gltf_warn(g, GLTF_WARN_PRIMITIVE, at, NULL, "material \"%s\" has a texture on TEXCOORD_%d, which the primitive lacks", m->name, uv);
 }
 
 /* Transforms a mesh from its node's space to the world; `world` NULL: it is in world space. */
@@ -429,13 +418,13 @@ static void transform_vectors(struct gltf *g, const struct pell_json *at, const 
     size_t bad = 0;
 
     if (normals)
-        bad = gltf_turn_vectors(world, true, mesh->normal, mesh->num_vertices, 3);
+        bad = gltf_transform_vectors(world, true, mesh->normal, mesh->num_vertices, 3);
     if (bad)
         gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "of %s %s zero or not finite: made anew",
                   pell_counted(mesh->num_vertices, "normal", "normals").str, pell_counted((long long) bad, "is", "are").str);
     if (!mesh->tangent)
         return;
-    bad = gltf_turn_vectors(world, false, mesh->tangent, mesh->num_vertices, 4);
+    bad = gltf_transform_vectors(world, false, mesh->tangent, mesh->num_vertices, 4);
     if (bad) {
         gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%s zero or not finite: all tangents are made anew",
                   pell_counted((long long) bad, "tangent is", "tangents are").str);
@@ -454,10 +443,10 @@ static bool any_normal(const struct pell_mesh *mesh)
 
 /* Reads, morphs and transforms the vertices. */
 static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, const struct shape *shape,
-                                      const struct gltf_placing *placing, const double *weights, size_t targets, struct pell_mesh *mesh)
+                                      const struct gltf_placement *placement, const double *weights, size_t targets, struct pell_mesh *mesh)
 {
-    static const struct pell_mat4 identity = { { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 } };
-    const struct pell_mat4 *world = placing->skin || memcmp(placing->world, &identity, sizeof(identity)) == 0 ? NULL : placing->world;
+    const struct pell_mat4 identity = mat4_identity();
+    const struct pell_mat4 *world = placement->skin || memcmp(placement->world, &identity, sizeof(identity)) == 0 ? NULL : placement->world;
     enum pell_result res;
 
     gltf_read_floats(shape->position, false, mesh->position);
@@ -475,8 +464,8 @@ static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at
     PELL_TRY(check_cancelled(g));
     if (weights)
         PELL_TRY(gltf_morph(g, at, p, weights, targets, mesh));
-    if (placing->skin)
-        PELL_TRY(gltf_skin_mesh(g, at, p, placing->skin, mesh));
+    if (placement->skin)
+        PELL_TRY(gltf_skin_mesh(g, at, p, placement->skin, mesh));
     else
         transform_mesh(world, mesh);
     PELL_TRY(check_cancelled(g));
@@ -489,7 +478,7 @@ fail:
 }
 
 static enum pell_result place_primitive(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, const char *name,
-                                        const struct gltf_placing *placing, const double *weights, size_t targets)
+                                        const struct gltf_placement *placement, const double *weights, size_t targets)
 {
     struct shape shape = { 0 };
     struct pell_mesh *mesh;
@@ -514,7 +503,7 @@ static enum pell_result place_primitive(struct gltf *g, const struct pell_json *
     mesh->material = material;
     PELL_TRY(fill_indices(g, at, p, &shape, mesh));
     PELL_TRY(check_cancelled(g));
-    PELL_TRY(fill_vertices(g, at, p, &shape, placing, weights, targets, mesh));
+    PELL_TRY(fill_vertices(g, at, p, &shape, placement, weights, targets, mesh));
     if (material >= 0)
         check_uv_sets(g, at, mesh);
 
@@ -523,7 +512,7 @@ fail:
     return res;
 }
 
-enum pell_result gltf_place_mesh(struct gltf *g, int64_t index, const char *name, const struct gltf_placing *placing)
+enum pell_result gltf_place_mesh(struct gltf *g, int64_t index, const char *name, const struct gltf_placement *placement)
 {
     struct gltf_mesh *mesh = &g->mesh[index];
     const struct pell_json at = pell_json_at(&g->meshes, (size_t) index), primitives = pell_json_get(&at, "primitives");
@@ -533,13 +522,13 @@ enum pell_result gltf_place_mesh(struct gltf *g, int64_t index, const char *name
 
     if (!mesh->ready)
         PELL_TRY(parse_mesh(g, &at, mesh));
-    PELL_TRY(gltf_morph_weights(g, &at, placing->node, mesh->num_targets, &weights));
+    PELL_TRY(gltf_morph_weights(g, &at, placement->node, mesh->num_targets, &weights));
     if (!name)
         name = gltf_name(&at, "mesh", buffer, sizeof(buffer));
     for (size_t i = 0; i < mesh->num_primitives; i++) {
         const struct pell_json primitive = pell_json_at(&primitives, i);
         if (mesh->primitives[i].drawn)
-            PELL_TRY(place_primitive(g, &primitive, &mesh->primitives[i], name, placing, weights, mesh->num_targets));
+            PELL_TRY(place_primitive(g, &primitive, &mesh->primitives[i], name, placement, weights, mesh->num_targets));
     }
     g->next_object++;
 

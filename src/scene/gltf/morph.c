@@ -96,7 +96,7 @@ enum pell_result gltf_morph_weights(struct gltf *g, const struct pell_json *mesh
             gltf_warn(g, GLTF_WARN_PRIMITIVE, &list, NULL, "the mesh has weights, but no morph targets");
         return PELL_OK;
     }
-    PELL_TRY(gltf_deform(g, mesh, count));
+    PELL_TRY(gltf_count_deformed(g, mesh, count));
     w = pell_calloc(g->ctx, count, sizeof(*w));
     if (!w)
         return PELL_ERR_NOMEM;
@@ -136,7 +136,7 @@ static enum pell_result add(struct gltf *g, const struct pell_json *target, cons
     size_t bad;
 
     PELL_TRY(gltf_attribute(g, target, key, index, 3, 3, count, &a));
-    PELL_TRY(gltf_deform(g, target, count));
+    PELL_TRY(gltf_count_deformed(g, target, count));
     gltf_read_floats(a, !position && a->type != GLTF_F32, scratch);
     bad = gltf_first_not_finite(scratch, 3 * (size_t) count);
     if (bad < 3 * (size_t) count)

@@ -91,7 +91,7 @@ static enum pell_result add_camera(struct gltf *g, const struct pell_json *node,
 {
     static const char *const types[] = { "perspective", "orthographic" };
     const struct pell_json at = pell_json_at(&g->cameras, (size_t) camera);
-    struct pell_json shape;
+    struct pell_json projection;
     struct pell_camera *c;
     double value = 0.0;
     char name[128];
@@ -103,12 +103,12 @@ static enum pell_result add_camera(struct gltf *g, const struct pell_json *node,
     PELL_TRY(pell_json_require(&at, "type"));
     PELL_TRY(pell_json_choice(&at, "type", types, 2, &type));
     PELL_TRY(pell_json_require(&at, types[type]));
-    PELL_TRY(pell_json_object(&at, types[type], &shape));
-    PELL_TRY(pell_json_require(&shape, type ? "ymag" : "yfov"));
+    PELL_TRY(pell_json_object(&at, types[type], &projection));
+    PELL_TRY(pell_json_require(&projection, type ? "ymag" : "yfov"));
     if (type)
-        PELL_TRY(pell_json_number(&shape, "ymag", 1e-9, 1e9, &value));
+        PELL_TRY(pell_json_number(&projection, "ymag", 1e-9, 1e9, &value));
     else
-        PELL_TRY(pell_json_number(&shape, "yfov", 1e-4, 3.14, &value));
+        PELL_TRY(pell_json_number(&projection, "yfov", 1e-4, 3.14, &value));
 
     /* a camera is chosen by name: its own, else its node's */
     PELL_TRY(pell_scene_add_camera(g->scene,
@@ -243,7 +243,7 @@ static enum pell_result place_instances(struct gltf *g, const struct pell_json *
         placed = mat4_mul(world, &local);
         PELL_TRY(visit(g, node));
         if (gltf_has_area(&placed))
-            PELL_TRY(gltf_place_mesh(g, mesh, name, &(struct gltf_placing) { .node = node, .world = &placed }));
+            PELL_TRY(gltf_place_mesh(g, mesh, name, &(struct gltf_placement) { .node = node, .world = &placed }));
     }
 
 fail:
@@ -258,7 +258,7 @@ static enum pell_result read_node(struct gltf *g, const struct pell_json *node, 
 {
     struct pell_json extensions, light_at, instancing;
     int64_t mesh = -1, camera = -1, light = -1, skin = -1;
-    struct gltf_placing placing = { .node = node, .world = world };
+    struct gltf_placement placement = { .node = node, .world = world };
     char buffer[128];
     const char *name = pell_json_get(node, "name").value ? gltf_name(node, "node", buffer, sizeof(buffer)) : NULL;
     enum pell_result res;
@@ -274,13 +274,13 @@ static enum pell_result read_node(struct gltf *g, const struct pell_json *node, 
         PELL_TRY(gltf_extension(node, "EXT_mesh_gpu_instancing", &extensions, &instancing));
         PELL_TRY(gltf_index(node, "skin", &g->skins, &skin));
         if (skin >= 0)
-            PELL_TRY(gltf_skin(g, skin, &placing.skin));
+            PELL_TRY(gltf_skin(g, skin, &placement.skin));
         if (skin >= 0 && instancing.value && gltf_once(g, GLTF_ONCE_SKIN_INSTANCES))
             gltf_warn(g, GLTF_WARN_NODE, node, NULL, "the node has a skin and instances: it is drawn once, where its joints are");
         if (skin < 0 && instancing.value)
             PELL_TRY(place_instances(g, node, &instancing, mesh, name, world));
-        else if (skin >= 0 ? !placing.skin->flat : gltf_has_area(world))
-            PELL_TRY(gltf_place_mesh(g, mesh, name, &placing));
+        else if (skin >= 0 ? !placement.skin->singular : gltf_has_area(world))
+            PELL_TRY(gltf_place_mesh(g, mesh, name, &placement));
         else if (gltf_once(g, GLTF_ONCE_NO_AREA))
             gltf_warn(g, GLTF_WARN_NODE, node, NULL, "the node's scale, or that of one above it, is 0: its mesh is left out");
     }
@@ -417,7 +417,7 @@ static enum pell_result place_all_meshes(struct gltf *g)
         const struct pell_json mesh = pell_json_at(&g->meshes, i);
         res = visit(g, &mesh);
         if (res == PELL_OK)
-            res = gltf_place_mesh(g, (int64_t) i, NULL, &(struct gltf_placing) { .world = &identity });
+            res = gltf_place_mesh(g, (int64_t) i, NULL, &(struct gltf_placement) { .world = &identity });
     }
     return res;
 }

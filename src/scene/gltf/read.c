@@ -172,7 +172,7 @@ enum pell_result pell_import_gltf(struct pell_import *import, const uint8_t *dat
     enum pell_result res;
 
     import->default_mm_per_unit = 1000.0;
-    g.file = (struct pell_json_file) { .ctx = import->ctx, .path = import->path, .range = PELL_ERR_FORMAT };
+    g.file = (struct pell_json_file) { .ctx = import->ctx, .path = import->path, .range_error = PELL_ERR_FORMAT };
     if (size >= 4 && memcmp(data, "glTF", 4) == 0)
         PELL_TRY(open_glb(&g, data, size, &json));
     PELL_TRY(read_document(&g, json.data, (size_t) json.size));

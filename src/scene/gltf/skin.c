@@ -33,7 +33,7 @@ static enum pell_result read_inverses(struct gltf *g, const struct pell_json *sk
     if (a->count < count)
         return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has %" PRIu32 " matrices for %" PRIu32 " joints", index,
                                a->count, count);
-    PELL_TRY(gltf_deform(g, &at, a->count)); /* a sparse accessor may be far larger than its file */
+    PELL_TRY(gltf_count_deformed(g, &at, a->count)); /* a sparse accessor may be far larger than its file */
     m = pell_alloc_array(g->ctx, a->count, 16 * sizeof(*m));
     if (!m)
         return PELL_ERR_NOMEM;
@@ -74,7 +74,7 @@ static enum pell_result read_skin(struct gltf *g, int64_t index, struct gltf_ski
     if (!s->matrix)
         return PELL_ERR_NOMEM;
     PELL_TRY(read_inverses(g, &at, s->num_joints, s->matrix));
-    s->flat = true;
+    s->singular = true;
     for (uint32_t i = 0; i < s->num_joints; i++) {
         const struct pell_json joint_at = pell_json_at(&joints, i);
         const struct pell_mat4 *world;
@@ -82,7 +82,7 @@ static enum pell_result read_skin(struct gltf *g, int64_t index, struct gltf_ski
         PELL_TRY(pell_json_to_int(&joint_at, 0, (int64_t) pell_json_count(&g->nodes) - 1, &joint));
         PELL_TRY(gltf_node_world(g, joint, &world));
         s->matrix[i] = mat4_mul(world, &s->matrix[i]);
-        s->flat &= !gltf_has_area(&s->matrix[i]);
+        s->singular &= !gltf_has_area(&s->matrix[i]);
         for (int k = 0; k < 16; k++)
             if (!(fabs(s->matrix[i].m[k]) < 1e300)) /* weighted sums stay finite */
                 return pell_json_error(&joint_at, PELL_ERR_FORMAT, NULL, "the matrix of joint %" PRIu32 " is out of the range of numbers",
@@ -112,7 +112,7 @@ enum pell_result gltf_skin(struct gltf *g, int64_t index, const struct gltf_skin
 struct binding {
     float *joint[GLTF_JOINT_SETS], *weight[GLTF_JOINT_SETS];
     int sets;
-    size_t uneven, loose; /* vertices whose weights do not sum to 1; that have no weights */
+    size_t not_normalized, weightless; /* vertices whose weights do not sum to 1; that have no weights */
 };
 
 static enum pell_result read_binding(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p, uint32_t vertices,
@@ -139,7 +139,7 @@ static enum pell_result read_binding(struct gltf *g, const struct pell_json *pri
             return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has component type %d, allowed: 5126, 5121, 5123",
                                    p->weights[i], weights->type);
         }
-        PELL_TRY(gltf_deform(g, primitive, vertices));
+        PELL_TRY(gltf_count_deformed(g, primitive, vertices));
         b->joint[i] = pell_alloc_array(g->ctx, vertices, 4 * sizeof(float));
         b->weight[i] = pell_alloc_array(g->ctx, vertices, 4 * sizeof(float));
         if (!b->joint[i] || !b->weight[i])
@@ -181,13 +181,13 @@ static enum pell_result blend(const struct pell_json *primitive, const struct gl
             out->m[k] += (double) w * skin->matrix[(uint32_t) joint].m[k];
         sum += (double) w;
     }
-    b->uneven += fabs(sum - 1.0) > WEIGHT_TOLERANCE;
+    b->not_normalized += fabs(sum - 1.0) > WEIGHT_TOLERANCE;
     if (sum > 0.0) {
         for (int k = 0; k < 15; k++)
             out->m[k] /= sum;
     } else {
         const float joint = b->joint[0][4 * vertex];
-        b->loose++;
+        b->weightless++;
         *out = skin->matrix[joint < (float) skin->num_joints ? (uint32_t) joint : 0];
     }
     out->m[15] = 1.0;
@@ -195,7 +195,7 @@ static enum pell_result blend(const struct pell_json *primitive, const struct gl
 }
 
 /* Reverses triangles if the joints mirror, so that they stay counter-clockwise from outside. */
-static void turn_corners(const uint8_t *mirrored, struct pell_mesh *mesh)
+static void flip_triangles(const uint8_t *mirrored, struct pell_mesh *mesh)
 {
     for (size_t i = 0; i < mesh->num_triangles; i++) {
         uint32_t *corner = mesh->index + 3 * i;
@@ -225,24 +225,22 @@ enum pell_result gltf_skin_mesh(struct gltf *g, const struct pell_json *primitiv
         float *v = mesh->position + 3 * i;
         struct pell_mat4 m;
         PELL_TRY(blend(primitive, skin, &b, i, &m));
-        const double x = (double) v[0], y = (double) v[1], z = (double) v[2];
-        for (int c = 0; c < 3; c++)
-            v[c] = (float) (m.m[c] * x + m.m[4 + c] * y + m.m[8 + c] * z + m.m[12 + c]);
+        vec3_store(mat4_point(&m, vec3_load(v)), v);
         mirrored[i] = mat4_determinant3(&m) < 0.0;
         any |= mirrored[i];
         if (p->normal >= 0)
-            gltf_turn_vectors(&m, true, mesh->normal + 3 * i, 1, 3);
+            gltf_transform_vectors(&m, true, mesh->normal + 3 * i, 1, 3);
         if (mesh->tangent) {
-            gltf_turn_vectors(&m, false, mesh->tangent + 4 * i, 1, 4);
+            gltf_transform_vectors(&m, false, mesh->tangent + 4 * i, 1, 4);
             mesh->tangent[4 * i + 3] *= mirrored[i] ? -1.0f : 1.0f;
         }
     }
     if (any)
-        turn_corners(mirrored, mesh);
-    if (b.uneven && gltf_once(g, GLTF_ONCE_WEIGHTS))
+        flip_triangles(mirrored, mesh);
+    if (b.not_normalized && gltf_once(g, GLTF_ONCE_WEIGHTS))
         gltf_warn(g, GLTF_WARN_VALUE, primitive, NULL,
-                  "the joints' weights of %zu of %" PRIu32 " vertices are not of sum 1: they are scaled%s", b.uneven, mesh->num_vertices,
-                  b.loose ? "; those of sum 0 follow their first joint" : "");
+                  "the joints' weights of %zu of %" PRIu32 " vertices are not of sum 1: they are scaled%s", b.not_normalized,
+                  mesh->num_vertices, b.weightless ? "; those of sum 0 follow their first joint" : "");
 
 fail:
     for (int i = 0; i < GLTF_JOINT_SETS; i++) {

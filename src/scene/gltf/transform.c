@@ -88,24 +88,24 @@ fail:
 
 enum pell_result gltf_node_world(struct gltf *g, int64_t index, const struct pell_mat4 **out)
 {
-    int32_t at = (int32_t) index, below = -1;
+    int32_t at = (int32_t) index, child = -1;
     enum pell_result res;
 
     /* up to a known matrix, then down the same path: trees may be of any depth */
     for (; at >= 0 && !g->node[at].placed; at = g->node[at].parent) {
-        g->node[at].below = below;
-        below = at;
+        g->node[at].child = child;
+        child = at;
     }
-    while (below >= 0) {
-        struct gltf_node *n = &g->node[below];
-        const struct pell_json node = pell_json_at(&g->nodes, (size_t) below);
+    while (child >= 0) {
+        struct gltf_node *n = &g->node[child];
+        const struct pell_json node = pell_json_at(&g->nodes, (size_t) child);
         struct pell_mat4 local;
-        PELL_TRY(local_matrix(g, &node, g->pose ? &g->pose[below] : NULL, &local));
+        PELL_TRY(local_matrix(g, &node, g->pose ? &g->pose[child] : NULL, &local));
         n->world = n->parent >= 0 ? mat4_mul(&g->node[n->parent].world, &local) : local;
         if (!is_finite_matrix(&n->world))
             return pell_json_error(&node, PELL_ERR_FORMAT, NULL, "the product of the transforms down to this node is not finite");
         n->placed = true;
-        below = n->below;
+        child = n->child;
     }
     *out = &g->node[index].world;
     return PELL_OK;

@@ -30,26 +30,13 @@ size_t gltf_first_not_finite(const float *x, size_t count)
     return count;
 }
 
-/* The matrix with its 3x3 part scaled to a largest element of 1, so that cofactors and lengths stay in the range of floats. */
-static struct pell_mat4 scaled_to_one(const struct pell_mat4 *matrix)
-{
-    struct pell_mat4 unit = *matrix;
-    double largest = 0.0;
-
-    for (int i = 0; i < 12; i++)
-        largest = fmax(largest, i % 4 < 3 ? fabs(matrix->m[i]) : 0.0);
-    for (int i = 0; i < 12; i++)
-        unit.m[i] = largest > 0.0 ? matrix->m[i] / largest : 0.0;
-    return unit;
-}
-
-size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size)
+size_t gltf_transform_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size)
 {
     struct pell_mat4 unit = { { 0 } };
     size_t bad = 0;
 
     if (matrix)
-        unit = scaled_to_one(matrix);
+        unit = pell_mat4_scaled_to_one(matrix);
     for (size_t i = 0; i < count; i++, p += size) {
         struct pell_vec3 v = vec3_load(p);
         float l2 = vec3_dot(v, v);
@@ -69,7 +56,7 @@ size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p,
     return bad;
 }
 
-enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_t vertices)
+enum pell_result gltf_count_deformed(struct gltf *g, const struct pell_json *at, uint64_t vertices)
 {
     const int64_t most = DEFORMED_FACTOR * g->limits->vertices; /* below 2^36 */
 

@@ -118,7 +118,7 @@ static enum pell_result sort_corners(struct normals *n, uint32_t **sorted, uint3
 }
 
 /* Restores the indices before copies were numbered. */
-static void take_back(struct normals *n, const uint32_t *from)
+static void restore_indices(struct normals *n, const uint32_t *from)
 {
     const struct pell_topology *t = n->t;
 
@@ -188,7 +188,7 @@ static enum pell_result assign(struct normals *n, const bool *wanted)
         uint32_t *index = &mesh->index[sorted[i] - 3 * t->first_triangle[m]];
         const uint32_t v = t->first_vertex[m] + *index;
         if (pell_cancelled_at(ctx, i)) {
-            take_back(n, from);
+            restore_indices(n, from);
             res = PELL_ERR_CANCELLED;
             goto fail;
         }

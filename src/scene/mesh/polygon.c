@@ -2,6 +2,8 @@
  * polygon.c - triangulates polygons by ear clipping in the plane of the polygon's area vector (Newell's method). */
 #include "scene/mesh/polygon.h"
 
+#include "math/vec.h"
+
 #include <math.h>
 
 /* Limit on the point-in-ear tests for all polygons of a file, so that giant ones can't stall the reader. */
@@ -140,10 +142,10 @@ static bool is_convex(const struct pell_polygon *p, size_t count)
         if (count > 4)
             turn += atan2(cross, ux * vx + uy * vy);
     }
-    return turn < 3.0 * 3.14159265358979323846;
+    return turn < 3.0 * PELL_PI;
 }
 
-bool pell_polygon_cut(struct pell_polygon *p, size_t count)
+bool pell_polygon_triangulate(struct pell_polygon *p, size_t count)
 {
     int64_t tests = TESTS_MOST - p->spent;
     uint32_t left = (uint32_t) count, corner = 0, stuck = 0;
@@ -182,8 +184,8 @@ bool pell_polygon_cut(struct pell_polygon *p, size_t count)
         stuck = 0;
     }
     p->spent = TESTS_MOST - tests;
-    stuck = left > 3;
+    const bool failed = left > 3;
     for (uint32_t i = p->next[corner]; left > 2; left--, i = p->next[i])
         emit(p, &done, corner, i, p->next[i]);
-    return !stuck;
+    return !failed;
 }

@@ -19,7 +19,7 @@ struct pell_polygon {
 PELL_NODISCARD enum pell_result pell_polygon_reserve(struct pell_polygon *polygon, size_t corners);
 /* Triangulates the polygon point[0..count), count >= 3, in its winding. A quad is split along its shorter diagonal, a non-convex polygon by
  * ear clipping. False: the rest was made a fan, since the polygon crosses itself or is too large; its shape may be wrong. */
-bool pell_polygon_cut(struct pell_polygon *polygon, size_t count);
+bool pell_polygon_triangulate(struct pell_polygon *polygon, size_t count);
 void pell_polygon_finish(struct pell_polygon *polygon);
 
 #endif

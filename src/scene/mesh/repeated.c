@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * repeated.c - duplicate triangles: those that coincide with another of their mesh, with the same winding and texture coordinates.
+ * repeated.c - duplicate triangles: those that coincide with another of their mesh, with the same winding, texture coordinates and colours.
  * Modelling tools leave them behind. A ray hits all of them at once, and an edge that they share seems to have more than two triangles.
  *
  * Such triangles have the same three positions in the same cyclic order, so the half-edges from their lowest position belong to one edge,

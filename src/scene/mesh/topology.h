@@ -59,15 +59,15 @@ struct pell_part {
 /* `parts` has num_parts elements; incomplete if the work was cancelled. */
 void pell_topology_parts(const struct pell_topology *topology, const struct pell_scene *scene, struct pell_part *parts);
 
-/* Flips triangles whose orientation disagrees with their neighbours (winding.c), and closed surfaces that face inward; `where`: for
+/* Flip triangles whose orientation disagrees with their neighbours, and closed surfaces that face inward (winding.c); `where`: for
  * messages. If *any is true, the topology is no longer valid. */
-PELL_NODISCARD enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_topology *topology, const char *where,
-                                                  bool *any);
-PELL_NODISCARD enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_topology *topology, const char *where,
-                                                  bool *any);
+PELL_NODISCARD enum pell_result pell_make_winding_consistent(struct pell_scene *scene, const struct pell_topology *topology,
+                                                             const char *where, bool *any);
+PELL_NODISCARD enum pell_result pell_orient_outward(struct pell_scene *scene, const struct pell_topology *topology, const char *where,
+                                                    bool *any);
 
-/* Removes duplicate triangles of the same mesh, with equal winding and texture coordinates (repeated.c). If *dropped is not 0, the topology
- * is no longer valid. */
+/* Removes duplicate triangles of the same mesh, with equal winding, texture coordinates and colours (repeated.c). If *dropped is not 0, the
+ * topology is no longer valid. */
 PELL_NODISCARD enum pell_result pell_drop_repeated(struct pell_scene *scene, const struct pell_topology *topology, uint32_t *dropped);
 
 /* Fills `order` with 0..count-1 sorted by keys of `words` words each (most significant first), stable. Returns the array that holds the

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#define GAP 1e-3 /* fraction of its area: the vector sum of an open surface's faces up to which it is nearly closed */
+#define GAP 1e-3 /* largest length of the vector sum of a nearly closed surface's faces, as a fraction of its area */
 
 /* --- Triangles among their neighbours ------------------------------------------------------------------------------------------------ */
 
@@ -74,7 +74,7 @@ static double score_of(const struct pell_mesh *mesh, const float *face, const ui
     return 3.0 * (double) vec3_length(vec3_load(face));
 }
 
-static void turn_triangle(uint32_t *corner)
+static void flip_triangle(uint32_t *corner)
 {
     const uint32_t swap = corner[1];
 
@@ -82,7 +82,7 @@ static void turn_triangle(uint32_t *corner)
     corner[2] = swap;
 }
 
-static void turn_vertex(struct pell_mesh *mesh, uint32_t vertex)
+static void flip_normal(struct pell_mesh *mesh, uint32_t vertex)
 {
     for (size_t c = 0; c < 3; c++)
         mesh->normal[3 * (size_t) vertex + c] *= -1.0f;
@@ -92,24 +92,24 @@ static void turn_vertex(struct pell_mesh *mesh, uint32_t vertex)
 
 /* Flips the marked triangles of a mesh. Normals that agreed with the wrong winding are wrong, too, unless another triangle uses them.
  * `wrong`: per vertex of the mesh, false. */
-static void turn_marked(struct pell_mesh *mesh, const float *face, const bool *turn, bool *wrong)
+static void flip_marked(struct pell_mesh *mesh, const float *face, const bool *flip, bool *wrong)
 {
     for (size_t i = 0; i < mesh->num_triangles; i++)
-        if (turn[i] && agreement_of(mesh, face + 3 * i, mesh->index + 3 * i) > 0.0)
+        if (flip[i] && agreement_of(mesh, face + 3 * i, mesh->index + 3 * i) > 0.0)
             for (size_t k = 0; k < 3; k++)
                 wrong[mesh->index[3 * i + k]] = true;
     for (size_t i = 0; i < mesh->num_triangles; i++) {
-        for (size_t k = 0; k < 3 && !turn[i]; k++)
+        for (size_t k = 0; k < 3 && !flip[i]; k++)
             wrong[mesh->index[3 * i + k]] = false;
-        if (turn[i])
-            turn_triangle(mesh->index + 3 * i);
+        if (flip[i])
+            flip_triangle(mesh->index + 3 * i);
     }
     for (uint32_t v = 0; v < mesh->num_vertices; v++)
         if (wrong[v])
-            turn_vertex(mesh, v);
+            flip_normal(mesh, v);
 }
 
-static bool any_against(const struct pell_topology *t)
+static bool any_flipped_edge(const struct pell_topology *t)
 {
     for (uint32_t e = 0, end; e < t->num_halves && !pell_cancelled_at(t->ctx, e); e = end) {
         end = pell_topology_edge(t, e);
@@ -120,7 +120,7 @@ static bool any_against(const struct pell_topology *t)
 }
 
 /* Marks the triangles to flip: of each set the orientation with less weight. Returns how many. */
-static uint32_t mark(const struct pell_scene *scene, const struct pell_topology *t, const struct sets *s, bool *turn)
+static uint32_t mark_flips(const struct pell_scene *scene, const struct pell_topology *t, const struct sets *s, bool *flip)
 {
     uint32_t count = 0;
     bool odd;
@@ -141,33 +141,33 @@ static uint32_t mark(const struct pell_scene *scene, const struct pell_topology 
     }
     for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
         const uint32_t root = find_root(s, i, &odd);
-        turn[i] = !s->twisted[root] && odd == (s->score[root] >= 0.0);
-        count += turn[i];
+        flip[i] = !s->twisted[root] && odd == (s->score[root] >= 0.0);
+        count += flip[i];
     }
     return count;
 }
 
-enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
+enum pell_result pell_make_winding_consistent(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
 {
     struct pell_context *ctx = scene->ctx;
     const size_t n = t->num_triangles;
     struct sets s = { 0 };
-    bool *turn = NULL, *wrong = NULL;
+    bool *flip = NULL, *wrong = NULL;
     uint32_t count;
     enum pell_result res = PELL_ERR_NOMEM;
 
     *any = false;
-    if (!any_against(t))
+    if (!any_flipped_edge(t))
         return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     s.parent = pell_alloc_array(ctx, n, sizeof(*s.parent));
     s.odd = pell_calloc(ctx, n, sizeof(*s.odd));
     s.twisted = pell_calloc(ctx, n, sizeof(*s.twisted));
     s.score = pell_calloc(ctx, n, sizeof(*s.score));
-    turn = pell_calloc(ctx, n, sizeof(*turn));
+    flip = pell_calloc(ctx, n, sizeof(*flip));
     wrong = pell_calloc(ctx, t->num_vertices, sizeof(*wrong));
-    if (!s.parent || !s.odd || !s.twisted || !s.score || !turn || !wrong)
+    if (!s.parent || !s.odd || !s.twisted || !s.score || !flip || !wrong)
         goto fail;
-    count = mark(scene, t, &s, turn);
+    count = mark_flips(scene, t, &s, flip);
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK; /* flipping is all or nothing */
     for (size_t i = 0; i < n && res == PELL_OK; i++)
         if (s.twisted[i] && s.parent[i] == i) {
@@ -177,7 +177,7 @@ enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_t
     if (res != PELL_OK || count == 0)
         goto fail;
     for (size_t m = 0; m < t->num_meshes; m++)
-        turn_marked(&scene->meshes[t->mesh[m]], t->face + 3 * (size_t) t->first_triangle[m], turn + t->first_triangle[m],
+        flip_marked(&scene->meshes[t->mesh[m]], t->face + 3 * (size_t) t->first_triangle[m], flip + t->first_triangle[m],
                     wrong + t->first_vertex[m]);
     *any = true;
     pell_warn(ctx, where, NULL, "%s against the neighbours: turned", pell_counted(count, "triangle faces", "triangles face").str);
@@ -187,7 +187,7 @@ fail:
     pell_free(ctx, s.odd);
     pell_free(ctx, s.twisted);
     pell_free(ctx, s.score);
-    pell_free(ctx, turn);
+    pell_free(ctx, flip);
     pell_free(ctx, wrong);
     return res;
 }
@@ -298,7 +298,7 @@ static void add_agreement(const struct pell_scene *scene, const struct pell_topo
     }
 }
 
-enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
+enum pell_result pell_orient_outward(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
 {
     struct pell_context *ctx = scene->ctx;
     struct pell_part *parts = pell_alloc_array(ctx, t->num_parts, sizeof(*parts));
@@ -347,9 +347,9 @@ enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_t
                 if (flipped[t->first_vertex[m] + v[k]])
                     continue;
                 flipped[t->first_vertex[m] + v[k]] = true;
-                turn_vertex(mesh, v[k]);
+                flip_normal(mesh, v[k]);
             }
-            turn_triangle(v);
+            flip_triangle(v);
         }
     }
     *any = true;

@@ -14,6 +14,15 @@ struct pell_lex {
     int64_t line; /* counted from 1 */
 };
 
+/* "path:line N" for messages: where the cursor is. Returns text->str. */
+static inline const char *pell_lex_where(const struct pell_lex *l, const char *path, struct pell_text *text)
+{
+    memset(text, 0, sizeof(*text));
+    pell_text_add_path(text, path, ":", "line ");
+    pell_text_add(text, "%lld", (long long) l->line);
+    return text->str;
+}
+
 static inline bool pell_lex_eol(const struct pell_lex *l)
 {
     return l->at >= l->end || *l->at == '\n' || *l->at == '\r';

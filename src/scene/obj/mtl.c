@@ -53,14 +53,6 @@ struct reader {
     bool height_warned, alpha_warned;
 };
 
-static const char *where(const struct reader *r, struct pell_text *text)
-{
-    memset(text, 0, sizeof(*text));
-    pell_text_add_path(text, r->path, ":", "line ");
-    pell_text_add(text, "%lld", (long long) r->lex.line);
-    return text->str;
-}
-
 /* Reads up to three numbers in [min, max]; a single one is used for all. Invalid ones cause a warning, and the values stay. */
 static void read_numbers(struct reader *r, const char *key, int count, float min, float max, float *out)
 {
@@ -71,14 +63,15 @@ static void read_numbers(struct reader *r, const char *key, int count, float min
     while (n < count && pell_lex_float(&r->lex, &v[n]))
         n++;
     if (n == 0) {
-        pell_warn(r->mtl->import->ctx, where(r, &text), NULL, "%s needs %s", key, count == 1 ? "a number" : "one or three numbers");
+        pell_warn(r->mtl->import->ctx, pell_lex_where(&r->lex, r->path, &text), NULL, "%s needs %s", key,
+                  count == 1 ? "a number" : "one or three numbers");
         return;
     }
     for (int i = 0; i < count; i++) {
         const float x = v[i < n ? i : n - 1];
         if (x < min || x > max)
-            pell_warn(r->mtl->import->ctx, where(r, &text), NULL, "%s is %g and counts as %g; allowed: [%g, %g]", key, (double) x,
-                      (double) (x < min ? min : max), (double) min, (double) max);
+            pell_warn(r->mtl->import->ctx, pell_lex_where(&r->lex, r->path, &text), NULL, "%s is %g and counts as %g; allowed: [%g, %g]",
+                      key, (double) x, (double) (x < min ? min : max), (double) min, (double) max);
         out[i] = x < min ? min : x > max ? max : x;
     }
 }
@@ -164,7 +157,7 @@ static enum pell_result read_map(struct reader *r, enum pell_image_role role, st
     name = read_name(r);
     if (!name)
         return PELL_ERR_NOMEM;
-    PELL_TRY(pell_import_texture(import, where(r, &text), name, role, &texture));
+    PELL_TRY(pell_import_texture(import, pell_lex_where(&r->lex, r->path, &text), name, role, &texture));
     if (texture) {
         const enum pell_wrap wrap = o.clamp ? PELL_WRAP_CLAMP : PELL_WRAP_REPEAT;
         PELL_TRY(pell_texture_sampler(import->scene, texture, wrap, wrap, false, &texture));
@@ -198,7 +191,8 @@ static void end_material(struct reader *r)
         if (t && r->color_map && strcmp(r->alpha_map, r->color_map) == 0 && t->image.channels % 2 == 0)
             r->m->alpha_mask = true;
         else
-            pell_warn(ctx, where(r, &text), "put opacity into the alpha channel of map_Kd and name that file in map_d, too",
+            pell_warn(ctx, pell_lex_where(&r->lex, r->path, &text),
+                      "put opacity into the alpha channel of map_Kd and name that file in map_d, too",
                       "map_d of material \"%s\" is not the alpha channel of its map_Kd and is ignored", r->m->name);
     }
     pell_free(ctx, r->alpha_map);
@@ -235,7 +229,8 @@ static void read_opacity(struct reader *r, bool inverse)
     read_numbers(r, inverse ? "Tr" : "d", 1, 0.0f, 1.0f, &d);
     if ((inverse ? 1.0f - d : d) < 1.0f && !r->alpha_warned) {
         r->alpha_warned = true;
-        pell_warn(r->mtl->import->ctx, where(r, &text), NULL, "transparent material \"%s\" is rendered as opaque", r->m->name);
+        pell_warn(r->mtl->import->ctx, pell_lex_where(&r->lex, r->path, &text), NULL, "transparent material \"%s\" is rendered as opaque",
+                  r->m->name);
     }
 }
 
@@ -244,7 +239,8 @@ static enum pell_result ignore_height(struct reader *r)
     struct pell_text text;
 
     if (!r->height_warned)
-        pell_warn(r->mtl->import->ctx, where(r, &text), "make a normal map and name it with \"norm\"", "height maps are not read");
+        pell_warn(r->mtl->import->ctx, pell_lex_where(&r->lex, r->path, &text), "make a normal map and name it with \"norm\"",
+                  "height maps are not read");
     r->height_warned = true;
     return PELL_OK;
 }
@@ -326,7 +322,7 @@ fail:
     return res;
 }
 
-enum pell_result pell_mtl_library(struct pell_mtl *mtl, const char *place, const char *reference)
+enum pell_result pell_mtl_library(struct pell_mtl *mtl, const char *where, const char *reference)
 {
     struct pell_import *import = mtl->import;
     struct pell_context *ctx = import->ctx;
@@ -342,14 +338,14 @@ enum pell_result pell_mtl_library(struct pell_mtl *mtl, const char *place, const
     if (!fresh)
         return PELL_OK;
     pell_log_downgrade(ctx, 1);
-    res = pell_path_resolve(ctx, place, import->root, reference, import->allow_outside, &path);
+    res = pell_path_resolve(ctx, where, import->root, reference, import->allow_outside, &path);
     if (res == PELL_OK)
         res = pell_file_read(ctx, path, &data, &size);
     pell_log_downgrade(ctx, -1);
     if (res == PELL_ERR_NOMEM || res == PELL_ERR_CANCELLED)
         goto fail;
     if (res != PELL_OK) {
-        pell_warn(ctx, place, NULL, "the material library \"%s\" can't be read; its materials are missing",
+        pell_warn(ctx, where, NULL, "the material library \"%s\" can't be read; its materials are missing",
                   pell_printable(reference, shown, sizeof(shown)));
         res = PELL_OK;
         goto fail;

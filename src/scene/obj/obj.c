@@ -18,6 +18,7 @@ struct run {
     uint32_t next;       /* run of the mesh, or UINT32_MAX */
 };
 
+/* Faces of one object and material, which become a mesh. */
 struct part {
     uint32_t object, material;
     uint32_t name; /* index among the names, or UINT32_MAX */
@@ -47,17 +48,9 @@ struct obj {
     size_t num_parts, cap_parts;
     struct target *targets; /* per material, [0] for faces without one */
     size_t num_targets, cap_targets;
-    uint32_t object, name, group, material, part; /* state for the next face; part UINT32_MAX: not known */
-    int64_t lines, points, surfaces, thin;        /* counts of skipped elements */
+    uint32_t object, name, group, material, part;      /* state for the next face; part UINT32_MAX: not known */
+    int64_t lines, points, surfaces, degenerate_faces; /* counts of skipped elements */
 };
-
-static const char *where(const struct obj *o, struct pell_text *text)
-{
-    memset(text, 0, sizeof(*text));
-    pell_text_add_path(text, o->import->path, ":", "line ");
-    pell_text_add(text, "%lld", (long long) o->lex.line);
-    return text->str;
-}
 
 static enum pell_result not_a_number(struct obj *o, const char *what)
 {
@@ -67,8 +60,8 @@ static enum pell_result not_a_number(struct obj *o, const char *what)
     const size_t length = pell_lex_word(&o->lex, &word);
 
     memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
-    return pell_error(o->ctx, PELL_ERR_FORMAT, where(o, &text), NULL, "%s is \"%s\", must be a finite number", what,
-                      pell_printable(copy, shown, sizeof(shown)));
+    return pell_error(o->ctx, PELL_ERR_FORMAT, pell_lex_where(&o->lex, o->import->path, &text), NULL,
+                      "%s is \"%s\", must be a finite number", what, pell_printable(copy, shown, sizeof(shown)));
 }
 
 /* --- Points ------------------------------------------------------------------------------------------------------------------- */
@@ -81,7 +74,7 @@ static enum pell_result grow(struct obj *o, float **array, size_t count, size_t 
     enum pell_result res;
 
     if (count >= (size_t) limit)
-        return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), PELL_RAISE_LIMIT("vertices"),
+        return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, pell_lex_where(&o->lex, o->import->path, &text), PELL_RAISE_LIMIT("vertices"),
                           "more than %lld vertices are not allowed", (long long) limit);
     if (count < *capacity)
         return PELL_OK;
@@ -173,10 +166,10 @@ static enum pell_result bad_reference(struct obj *o, const char *what, int64_t v
     struct pell_text text;
 
     if (count == 0)
-        return pell_error(o->ctx, PELL_ERR_FORMAT, where(o, &text), NULL, "the face refers to %s %lld before there is one", what,
-                          (long long) value);
-    return pell_error(o->ctx, PELL_ERR_FORMAT, where(o, &text), NULL, "the face refers to %s %lld, allowed: 1 to %zu, or -1 to -%zu", what,
-                      (long long) value, count, count);
+        return pell_error(o->ctx, PELL_ERR_FORMAT, pell_lex_where(&o->lex, o->import->path, &text), NULL,
+                          "the face refers to %s %lld before there is one", what, (long long) value);
+    return pell_error(o->ctx, PELL_ERR_FORMAT, pell_lex_where(&o->lex, o->import->path, &text), NULL,
+                      "the face refers to %s %lld, allowed: 1 to %zu, or -1 to -%zu", what, (long long) value, count, count);
 }
 
 static bool resolve(int64_t value, size_t count, uint32_t *index)
@@ -231,7 +224,7 @@ fail:
         char copy[64] = "", shown[64];
         const size_t length = pell_lex_word(l, &word);
         memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
-        return pell_error(o->ctx, PELL_ERR_FORMAT, where(o, &text), NULL,
+        return pell_error(o->ctx, PELL_ERR_FORMAT, pell_lex_where(&o->lex, o->import->path, &text), NULL,
                           "a face's corner is \"%s\", must be whole numbers as in 1, 1/2, 1//3 or 1/2/3, none beyond 2147483647",
                           pell_printable(copy, shown, sizeof(shown)));
     }
@@ -258,7 +251,7 @@ static enum pell_result find_part(struct obj *o)
         return res;
     if (o->targets[slot].object != o->object) {
         if (o->num_parts >= (size_t) limit)
-            return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), PELL_RAISE_LIMIT("items"),
+            return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, pell_lex_where(&o->lex, o->import->path, &text), PELL_RAISE_LIMIT("items"),
                               "more than %d meshes (an object's faces of one material) are not allowed", limit);
         array = o->parts;
         res = pell_grow(o->ctx, &array, o->num_parts, &o->cap_parts, sizeof(*o->parts));
@@ -306,7 +299,7 @@ static enum pell_result add_triangles(struct obj *o, size_t corners)
     enum pell_result res;
 
     if ((int64_t) (o->num_triangles + corners - 2) > limit)
-        return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), PELL_RAISE_LIMIT("triangles"),
+        return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, pell_lex_where(&o->lex, o->import->path, &text), PELL_RAISE_LIMIT("triangles"),
                           "more than %lld triangles are not allowed", (long long) limit);
     while (o->num_triangles + corners - 2 > o->cap_triangles) {
         void *array = o->corners;
@@ -323,8 +316,9 @@ static enum pell_result add_triangles(struct obj *o, size_t corners)
         PELL_TRY(pell_polygon_reserve(&o->polygon, corners));
         for (size_t i = 0; i < corners; i++)
             memcpy(o->polygon.point + 3 * i, o->v + 3 * (size_t) o->face[i].v, 3 * sizeof(float));
-        if (!pell_polygon_cut(&o->polygon, corners))
-            pell_warn(o->ctx, where(o, &text), "cut the face into triangles in the program that it comes from",
+        if (!pell_polygon_triangulate(&o->polygon, corners))
+            pell_warn(o->ctx, pell_lex_where(&o->lex, o->import->path, &text),
+                      "cut the face into triangles in the program that it comes from",
                       "a face of %zu corners crosses itself, or is too large to be cut well: its shape may be wrong", corners);
         for (size_t i = 0; i < 3 * (corners - 2); i++)
             o->corners[3 * o->num_triangles + i] = o->face[o->polygon.triangle[i]];
@@ -358,7 +352,7 @@ static enum pell_result read_face(struct obj *o)
         count++;
     }
     if (count < 3) {
-        o->thin++;
+        o->degenerate_faces++;
         return PELL_OK;
     }
     PELL_TRY(add_triangles(o, count));
@@ -421,7 +415,7 @@ static enum pell_result read_libraries(struct obj *o)
             for (char *c = name; *c; c++)
                 if (*c == '\\')
                     *c = '/';
-            res = pell_mtl_library(&o->mtl, where(o, &text), name);
+            res = pell_mtl_library(&o->mtl, pell_lex_where(&o->lex, o->import->path, &text), name);
             pell_free(o->ctx, name);
         }
         at = stop + (stop < end);
@@ -646,16 +640,17 @@ enum pell_result pell_import_obj(struct pell_import *import, const uint8_t *data
     if (o.num_triangles == 0) {
         res = pell_error(o.ctx, PELL_ERR_FORMAT, import->path, NULL, "%s",
                          memchr(data, 0, size) ? "is no OBJ: it is not text"
-                         : o.thin              ? "holds no faces of three corners or more"
+                         : o.degenerate_faces  ? "holds no faces of three corners or more"
                                                : "holds no faces");
         goto fail;
     }
     PELL_TRY(settle_materials(&o));
     PELL_TRY(build(&o));
-    if (o.lines || o.points || o.surfaces || o.thin)
+    if (o.lines || o.points || o.surfaces || o.degenerate_faces)
         pell_warn(o.ctx, import->path, NULL, "what follows is left out: %s, %s, %s, %s of fewer than three corners",
                   pell_counted(o.lines, "line", "lines").str, pell_counted(o.points, "point", "points").str,
-                  pell_counted(o.surfaces, "curve or surface", "curves or surfaces").str, pell_counted(o.thin, "face", "faces").str);
+                  pell_counted(o.surfaces, "curve or surface", "curves or surfaces").str,
+                  pell_counted(o.degenerate_faces, "face", "faces").str);
 
 fail:
     finish(&o);
