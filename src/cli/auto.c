@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DEFAULT "8%"   /* default bound of -m auto */
-#define PIXELS 16000.0 /* size of the small image: errors per pixel grow with resolution */
+#define DEFAULT_BOUND "8%" /* default bound of -m auto */
+#define PIXELS 16000.0     /* size of the small image: errors per pixel grow with resolution */
 /* fraction of the squared bound: once the standard error of an estimated error is below it, the reference has enough samples */
 #define RESOLVED 0.25
 
@@ -74,9 +74,9 @@ static bool take_mask(const struct trial *t, const struct pell_render_result *p)
 
     for (int y = 0; from && y < p->height; y++)
         for (int x = 0; x < p->width; x++) {
-            const float is = from->data[y * from->stride + x];
-            plane(t, 9)[(size_t) y * (size_t) p->width + (size_t) x] = is;
-            any = any || is > 0.5f;
+            const float translucent = from->data[y * from->stride + x];
+            plane(t, 9)[(size_t) y * (size_t) p->width + (size_t) x] = translucent;
+            any = any || translucent > 0.5f;
         }
     return any;
 }
@@ -179,7 +179,7 @@ static void add_tried(const struct trial *t, const char *label, const struct mea
 /* The scene's other settings at a size that costs little. */
 static void shrink(struct trial *t)
 {
-    const double all = (double) t->settings.width * (double) t->settings.height, scale = all > PIXELS ? sqrt(PIXELS / all) : 1.0;
+    const double pixels = (double) t->settings.width * (double) t->settings.height, scale = pixels > PIXELS ? sqrt(PIXELS / pixels) : 1.0;
 
     t->settings.width = (int) fmax(floor(t->settings.width * scale + 0.5), 1.0);
     t->settings.height = (int) fmax(floor(t->settings.height * scale + 0.5), 1.0);
@@ -290,7 +290,7 @@ static void report_choice(const struct trial *t, const struct pell_method *m, do
 enum exit_code auto_bound(struct cli *cli, double *bound)
 {
     const struct pell_method *truth = pell_method_find(cli->ctx, "--max-error", "path-trace");
-    enum exit_code code = cli_parse_percent(cli, "--max-error", cli->max_error ? cli->max_error : DEFAULT, bound);
+    enum exit_code code = cli_parse_percent(cli, "--max-error", cli->max_error ? cli->max_error : DEFAULT_BOUND, bound);
 
     return code == EXIT_OK && truth && !truth->vulkan && cli->engine && strcmp(cli->engine, "vulkan") == 0
                ? cli_failed(cli, no_truth(cli->ctx))

@@ -212,7 +212,7 @@ PELL_NODISCARD enum pell_result cli_add_setting(struct settings_list *list, cons
 PELL_NODISCARD enum pell_result cli_append_settings(struct settings_list *to, const struct settings_list *from);
 /* Adds "NAME=VALUE", and splits the text in place; `where` names the option. */
 enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const char *where, char *text);
-/* Formats the knobs of a table as `name=value name=value`. */
+/* Formats the knobs of a table whose values are not those of `usual` (NULL: all) as `name=value name=value`. */
 void cli_format_knobs(const struct pell_knob *knobs, const void *values, const void *usual, char *text, size_t size);
 
 /* --- parts.c: parts of images and sequences, and the files that hold them --------------------------------------------------------- */

@@ -29,7 +29,7 @@ static json_t *gaussians_json(const struct pell_intermediate *image)
     return list;
 }
 
-static enum pell_result show(void *user, const struct pell_intermediate *image)
+static enum pell_result write_intermediate(void *user, const struct pell_intermediate *image)
 {
     static const char *const names[3][3] = { { "Y" }, { "X", "Y", "Z" }, { "R", "G", "B" } };
     struct dump *d = user;
@@ -85,7 +85,7 @@ static char *read_index(struct pell_context *ctx, const char *path, size_t *size
     return data;
 }
 
-/* File of image `i` of an index, if it has the name that `show` gives it; NULL otherwise. */
+/* File of image `i` of an index, if it has the name that `write_intermediate` gives it; NULL otherwise. */
 static const char *image_file(const json_t *images, size_t i)
 {
     const json_t *image = json_array_get(images, i);
@@ -140,7 +140,7 @@ enum exit_code dump_check(struct cli *cli)
 
 enum exit_code dump_open(struct cli *cli, struct session *s, struct dump *d)
 {
-    const struct pell_observer observer = { show, d };
+    const struct pell_observer observer = { write_intermediate, d };
     enum pell_result res;
 
     *d = (struct dump) { .cli = cli };

@@ -11,7 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define NOTE 60000         /* bytes */
+#define NOTE_BYTES_MOST 60000
 #define LARGEST 1000000000 /* above every number of a range */
 
 /* Parses a whole number up to the character `end`; *text is moved to it. */
@@ -69,7 +69,7 @@ char *cli_note(const struct cli *cli)
         json_array_append_new(words, json_string(cli->words[i]));
     text = (int) json_array_size(words) == cli->num_words - 1 ? json_dumps(words, JSON_COMPACT) : NULL;
     json_decref(words);
-    if (text && strlen(text) > NOTE) {
+    if (text && strlen(text) > NOTE_BYTES_MOST) {
         free(text);
         text = NULL;
     }

@@ -217,8 +217,8 @@ static double x_of(const struct box *b, const struct plot_panel *p, double value
 
 static double y_of(const struct box *b, const struct plot_panel *p, double value)
 {
-    const double share = axis_position(&p->y, value);
-    return b->y + b->h * (p->y.down ? share : 1.0 - share);
+    const double position = axis_position(&p->y, value);
+    return b->y + b->h * (p->y.down ? position : 1.0 - position);
 }
 
 /* --- A panel ------------------------------------------------------------------------------------------------------------------ */
@@ -349,8 +349,8 @@ static void draw_curve(cairo_t *cr, const struct box *b, const struct plot_panel
     cairo_set_dash(cr, NULL, 0, 0.0);
 }
 
-/* Length of the curves inside a box. */
-static size_t crowd(const struct box *b, const struct plot_panel *p, const struct box *at)
+/* How many samples of the curves lie in a box or close to it. */
+static size_t samples_inside(const struct box *b, const struct plot_panel *p, const struct box *at)
 {
     size_t n = 0;
 
@@ -383,7 +383,7 @@ static void draw_legend(cairo_t *cr, const struct box *b, const struct plot_pane
         const double h = (double) rows * step + margin;
         const struct box at = { corner & 1 ? b->x + b->w - width - 10.0 : b->x + 10.0, corner & 2 ? b->y + 10.0 : b->y + b->h - h - 10.0,
                                 width, h };
-        const size_t n = crowd(b, p, &at);
+        const size_t n = samples_inside(b, p, &at);
         if (n < least) {
             least = n;
             best = at;
@@ -444,7 +444,7 @@ static double number_room(cairo_t *cr, const struct plot *plot, int column, doub
 
     set_font(cr, 11.5, false);
     for (int row = 0; row < plot->rows; row++) {
-        const size_t n = make_ticks(&plot->panels[row * plot->columns + column].y, height * plot->share[row], ticks);
+        const size_t n = make_ticks(&plot->panels[row * plot->columns + column].y, height * plot->row_fraction[row], ticks);
         for (size_t i = 0; i < n; i++)
             widest = fmax(widest, text_width(cr, ticks[i].text));
     }
@@ -477,7 +477,7 @@ static void draw_plot(cairo_t *cr, const struct plot *plot)
         for (int r = 0; r < plot->rows; r++) {
             const struct plot_panel *p = &plot->panels[r * plot->columns + c];
             const double left = room + 16.0 + (p->y.label[0] ? 22.0 : 4.0);
-            const struct box b = { column * c + left, y, column - left - 10.0, height * plot->share[r] };
+            const struct box b = { column * c + left, y, column - left - 10.0, height * plot->row_fraction[r] };
 
             draw_panel(cr, &b, p, r == plot->rows - 1);
             cairo_save(cr);

@@ -45,7 +45,7 @@ struct plot {
     const char *title, *caption;     /* "" if absent; lines end in '\n', longer ones are folded */
     double width, height;            /* in px; a PNG has twice as many along each side */
     int columns, rows;               /* rows <= PLOT_ROWS; panels of a column share their x axis */
-    double share[PLOT_ROWS];         /* fraction of the height that each row gets */
+    double row_fraction[PLOT_ROWS];  /* fraction of the height that each row gets */
     const struct plot_panel *panels; /* columns x rows, in row order */
 };
 

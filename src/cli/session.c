@@ -13,7 +13,7 @@
 #include <time.h>
 
 #define AHEAD (1 << 22) /* bytes of a scene file that is looked into before it is loaded */
-#define EXR_ONLY 6      /* attributes written to EXR only: the machine's and the costly ones, at the end of the list */
+#define EXR_ONLY 6      /* attributes written to EXR only, at the end of the list: units, hashes, device and times */
 
 const char *const cli_subsurface_layers[3] = { "diffuse.single", "diffuse.multiple", "transmission" };
 

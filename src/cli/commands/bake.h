@@ -20,7 +20,7 @@ enum {
 /* The media below a texel from the surface down: which medium, and its lower end in mm. 0 is the outer object, k the inner mesh k - 1. */
 struct bake_texel {
     uint8_t count; /* 0: no triangle covers this texel */
-    uint8_t what[BAKE_STRETCHES];
+    uint8_t medium[BAKE_STRETCHES];
     float end[BAKE_STRETCHES];
 };
 

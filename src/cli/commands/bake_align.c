@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#define NOWHERE UINT32_MAX
+#define NO_TEXEL UINT32_MAX
 
 /* Adds to `layer` what it lacks to contain the texel's stretches in their order; false: too many layers. */
 static bool merge(struct bake *b, const struct bake_texel *t)
@@ -17,14 +17,14 @@ static bool merge(struct bake *b, const struct bake_texel *t)
     for (int p = 1; p <= i; p++) /* the longest common subsequence */
         for (int q = 1; q <= j; q++) {
             const uint8_t a = longest[p - 1][q], c = longest[p][q - 1];
-            longest[p][q] = b->layer[p - 1] == t->what[q - 1] ? (uint8_t) (longest[p - 1][q - 1] + 1) : a > c ? a : c;
+            longest[p][q] = b->layer[p - 1] == t->medium[q - 1] ? (uint8_t) (longest[p - 1][q - 1] + 1) : a > c ? a : c;
         }
     while (i > 0 || j > 0) { /* backwards */
-        if (i > 0 && j > 0 && b->layer[i - 1] == t->what[j - 1]) {
+        if (i > 0 && j > 0 && b->layer[i - 1] == t->medium[j - 1]) {
             out[n++] = b->layer[--i];
             j--;
         } else if (j > 0 && (i == 0 || longest[i][j - 1] >= longest[i - 1][j])) {
-            out[n++] = t->what[--j];
+            out[n++] = t->medium[--j];
         } else {
             out[n++] = b->layer[--i];
         }
@@ -42,7 +42,7 @@ static bool is_in(const struct bake *b, const struct bake_texel *t)
     int j = 0;
 
     for (int k = 0; k < b->num_layers && j < t->count; k++)
-        j += b->layer[k] == t->what[j];
+        j += b->layer[k] == t->medium[j];
     return j == t->count;
 }
 
@@ -60,7 +60,8 @@ static enum pell_result order_layers(struct bake *b)
     return PELL_OK;
 }
 
-/* from[i] = the nearest texel with data, for those marked NOWHERE: two sweeps over the map, accurate to some texels. */
+/* from[i] = the nearest texel with data, for those marked NO_TEXEL: two sweeps forward and two backward over the map, accurate to some
+ * texels. */
 static void spread(const struct bake *b, uint32_t *from)
 {
     const int size = b->size;
@@ -72,7 +73,7 @@ static void spread(const struct bake *b, uint32_t *from)
                 const int near[4][2] = { { x + d, y }, { x, y + d }, { x + d, y + d }, { x - d, y + d } };
                 const size_t at = (size_t) y * (size_t) size + (size_t) x;
                 int64_t best = INT64_MAX;
-                if (from[at] != NOWHERE) {
+                if (from[at] != NO_TEXEL) {
                     const int64_t dx = x - (int) (from[at] % (uint32_t) size), dy = y - (int) (from[at] / (uint32_t) size);
                     best = dx * dx + dy * dy;
                 }
@@ -82,7 +83,7 @@ static void spread(const struct bake *b, uint32_t *from)
                     if (near[k][0] < 0 || near[k][0] >= size || near[k][1] < 0 || near[k][1] >= size)
                         continue;
                     other = from[(size_t) near[k][1] * (size_t) size + (size_t) near[k][0]];
-                    if (other == NOWHERE)
+                    if (other == NO_TEXEL)
                         continue;
                     dx = x - (int) (other % (uint32_t) size);
                     dy = y - (int) (other / (uint32_t) size);
@@ -102,7 +103,7 @@ static void set_bottoms(struct bake *b, size_t at, size_t n)
     int j = 0;
 
     for (int k = 0; k + 1 < b->num_layers; k++) {
-        if (j < t->count && b->layer[k] == t->what[j])
+        if (j < t->count && b->layer[k] == t->medium[j])
             above = t->end[j++];
         b->bottom[(size_t) k * n + at] = above;
     }
@@ -117,7 +118,7 @@ static void place_absent_layer(struct bake *b, int k, const uint32_t *from, size
         float *below = k + 2 < b->num_layers ? &b->bottom[(size_t) (k + 1) * n + i] : NULL;
         const float top = k > 1 ? b->bottom[(size_t) (k - 2) * n + i] : 0.0f, end = *above;
         float middle;
-        if (from[i] == NOWHERE || from[i] == i || *here > *above || (below && *below > *here) || !(end > top))
+        if (from[i] == NO_TEXEL || from[i] == i || *here > *above || (below && *below > *here) || !(end > top))
             continue;
         middle = 0.5f * (b->bottom[(size_t) (k - 1) * n + from[i]] + b->bottom[(size_t) k * n + from[i]]);
         middle = fminf(fmaxf(middle, top), end);
@@ -146,16 +147,16 @@ enum pell_result bake_align(struct bake *b)
         if (b->layer[k - 1] != b->layer[k + 1])
             continue;
         for (size_t i = 0; i < n; i++)
-            from[i] = b->bottom[(size_t) k * n + i] > b->bottom[(size_t) (k - 1) * n + i] ? (uint32_t) i : NOWHERE;
+            from[i] = b->bottom[(size_t) k * n + i] > b->bottom[(size_t) (k - 1) * n + i] ? (uint32_t) i : NO_TEXEL;
         spread(b, from);
         place_absent_layer(b, k, from, n);
     }
     for (size_t i = 0; i < n; i++) /* uncovered texels copy the nearest covered one */
-        from[i] = b->texels[i].count > 0 ? (uint32_t) i : NOWHERE;
+        from[i] = b->texels[i].count > 0 ? (uint32_t) i : NO_TEXEL;
     spread(b, from);
     for (int k = 0; k + 1 < b->num_layers; k++)
         for (size_t i = 0; i < n; i++)
-            b->bottom[(size_t) k * n + i] = from[i] == NOWHERE ? 0.0f : b->bottom[(size_t) k * n + from[i]];
+            b->bottom[(size_t) k * n + i] = from[i] == NO_TEXEL ? 0.0f : b->bottom[(size_t) k * n + from[i]];
     res = pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:

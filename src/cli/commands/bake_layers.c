@@ -236,14 +236,14 @@ static enum exit_code answer(struct cli *cli, const struct bake *b)
                100.0 * (double) b->shown / (double) n, "layer", "covers %", "mean mm");
     for (int k = 0; k < b->num_layers; k++) {
         double sum = 0.0, mean;
-        int64_t there = 0;
+        int64_t covering = 0;
         char shown[96];
         for (size_t i = 0; i < n && k + 1 < b->num_layers; i++) {
             const float thick = b->bottom[(size_t) k * n + i] - (k > 0 ? b->bottom[(size_t) (k - 1) * n + i] : 0.0f);
-            there += b->texels[i].count > 0 && thick > 0.0f;
+            covering += b->texels[i].count > 0 && thick > 0.0f;
             sum += b->texels[i].count > 0 ? (double) thick : 0.0;
         }
-        mean = there > 0 ? sum / (double) there : 0.0;
+        mean = covering > 0 ? sum / (double) covering : 0.0;
         if (k + 1 == b->num_layers) {
             if (!cli->json)
                 printf("%-24s %12s %12s\n", pell_printable(name_of(b, k), shown, sizeof(shown)), "", "no bottom");
@@ -251,10 +251,10 @@ static enum exit_code answer(struct cli *cli, const struct bake *b)
             continue;
         }
         if (!cli->json)
-            printf("%-24s %12.1f %12.3f\n", pell_printable(name_of(b, k), shown, sizeof(shown)), 100.0 * (double) there / (double) b->shown,
-                   mean);
+            printf("%-24s %12.1f %12.3f\n", pell_printable(name_of(b, k), shown, sizeof(shown)),
+                   100.0 * (double) covering / (double) b->shown, mean);
         json_array_append_new(layers, json_pack("{s:o,s:f,s:f}", "name", cli_text(name_of(b, k)), "covers",
-                                                (double) there / (double) b->shown, "mean_mm", mean));
+                                                (double) covering / (double) b->shown, "mean_mm", mean));
     }
     if (!cli->json) {
         json_decref(layers);

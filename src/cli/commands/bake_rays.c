@@ -6,7 +6,7 @@
 #include <string.h>
 
 #define NO_TRIANGLE UINT32_MAX
-#define CLEAR 1e-5f /* fraction of the surface's size by which a ray's origin is moved past a hit */
+#define RAY_OFFSET 1e-5f /* fraction of the surface's size by which a ray's origin is moved past a hit */
 
 /* The triangle that covers a texel. */
 struct texel_cover {
@@ -48,7 +48,7 @@ static bool inside(const double uv[3][2], double x, double y, float *u, float *v
     return s >= -1e-9 && t >= -1e-9 && s + t <= 1.0 + 2e-9; /* false for a degenerate triangle */
 }
 
-static enum pell_result show_triangle(struct bake *b, uint32_t mesh, uint32_t triangle, struct texel_cover *shown)
+static enum pell_result cover_by_triangle(struct bake *b, uint32_t mesh, uint32_t triangle, struct texel_cover *cover)
 {
     const struct pell_mesh *m = &b->outer.scene->meshes[mesh];
     double uv[3][2], low[2] = { INFINITY, INFINITY }, high[2] = { -INFINITY, -INFINITY };
@@ -69,7 +69,7 @@ static enum pell_result show_triangle(struct bake *b, uint32_t mesh, uint32_t tr
     }
     for (int y = first[1]; y <= last[1]; y++)
         for (int x = first[0]; x <= last[0]; x++) {
-            struct texel_cover *s = &shown[(size_t) y * (size_t) b->size + (size_t) x];
+            struct texel_cover *s = &cover[(size_t) y * (size_t) b->size + (size_t) x];
             float u, v;
             if (!inside((const double(*)[2]) uv, (x + 0.5) / b->size, (y + 0.5) / b->size, &u, &v))
                 continue;
@@ -80,18 +80,18 @@ static enum pell_result show_triangle(struct bake *b, uint32_t mesh, uint32_t tr
     return PELL_OK;
 }
 
-static enum pell_result show_all(struct bake *b, struct texel_cover *shown)
+static enum pell_result cover_texels(struct bake *b, struct texel_cover *cover)
 {
     const struct pell_scene *scene = b->outer.scene;
     enum pell_result res = PELL_OK;
 
     for (size_t i = 0; i < (size_t) b->size * (size_t) b->size; i++)
-        shown[i].triangle = NO_TRIANGLE;
+        cover[i].triangle = NO_TRIANGLE;
     for (size_t i = 0; i < scene->num_meshes; i++) {
         if (!scene->meshes[i].uv[0])
             return pell_error(b->ctx, PELL_ERR_INVALID, b->outer.path, "lay it out in a modelling program", "has no texture coordinates");
         for (uint32_t t = 0; t < scene->meshes[i].num_triangles; t++) {
-            PELL_TRY(show_triangle(b, (uint32_t) i, t, shown));
+            PELL_TRY(cover_by_triangle(b, (uint32_t) i, t, cover));
             if (pell_cancelled_at(b->ctx, t))
                 return PELL_ERR_CANCELLED;
         }
@@ -114,7 +114,7 @@ struct pairs {
 };
 
 /* The next surface of the solid at `from` or beyond, with the requested orientation; INFINITY: none. */
-static float next_face(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 direction, float from, float clear, bool leaving)
+static float next_face(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 direction, float from, float offset, bool leaving)
 {
     struct pell_ray ray = { { p.x, p.y, p.z }, from, { direction.x, direction.y, direction.z }, INFINITY, PELL_RAY_ALL };
     struct pell_hit hit;
@@ -123,16 +123,16 @@ static float next_face(const struct bake_solid *s, struct pell_vec3 p, struct pe
         const bool out = hit.ng[0] * direction.x + hit.ng[1] * direction.y + hit.ng[2] * direction.z > 0.0f;
         if (out == leaving)
             return hit.t;
-        ray.tnear = hit.t + clear;
+        ray.tnear = hit.t + offset;
     }
     return INFINITY;
 }
 
-static void find_pairs(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 direction, float clear, float end,
+static void find_pairs(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 direction, float offset, float end,
                        struct pairs *out)
 {
-    float in = next_face(s, p, direction, 0.0f, clear, false);
-    const float first_out = next_face(s, p, direction, 0.0f, clear, true);
+    float in = next_face(s, p, direction, 0.0f, offset, false);
+    const float first_out = next_face(s, p, direction, 0.0f, offset, true);
     float at;
 
     out->count = 0;
@@ -140,14 +140,14 @@ static void find_pairs(const struct bake_solid *s, struct pell_vec3 p, struct pe
     if (first_out < in) /* the ray begins inside */
         in = 0.0f;
     while (in < end) {
-        at = next_face(s, p, direction, in + (in > 0.0f ? clear : 0.0f), clear, true);
+        at = next_face(s, p, direction, in + (in > 0.0f ? offset : 0.0f), offset, true);
         if (out->count == BAKE_PAIRS) {
             out->more = true;
             return;
         }
         out->in[out->count] = in;
         out->out[out->count++] = fminf(at, end);
-        in = at < end ? next_face(s, p, direction, at + clear, clear, false) : INFINITY;
+        in = at < end ? next_face(s, p, direction, at + offset, offset, false) : INFINITY;
     }
 }
 
@@ -159,21 +159,21 @@ static void cut_ray(const struct bake *b, const struct pairs *pairs, float end, 
     t->count = 0;
     while (at < end) {
         float next = end;
-        int what = 0;
+        int medium = 0;
         for (int k = 0; k < b->num_inner; k++)
             for (int i = 0; i < pairs[k].count; i++) {
                 if (pairs[k].in[i] <= at && at < pairs[k].out[i])
-                    what = k + 1;
+                    medium = k + 1;
                 next = pairs[k].in[i] > at ? fminf(next, pairs[k].in[i]) : next;
                 next = pairs[k].out[i] > at ? fminf(next, pairs[k].out[i]) : next;
             }
-        if (t->count > 0 && t->what[t->count - 1] == what) {
+        if (t->count > 0 && t->medium[t->count - 1] == medium) {
             t->end[t->count - 1] = next;
         } else if (t->count == BAKE_STRETCHES) {
             *more = true;
             return;
         } else {
-            t->what[t->count] = (uint8_t) what;
+            t->medium[t->count] = (uint8_t) medium;
             t->end[t->count++] = next;
         }
         at = next;
@@ -182,8 +182,8 @@ static void cut_ray(const struct bake *b, const struct pairs *pairs, float end, 
 
 struct rows {
     struct bake *b;
-    const struct texel_cover *shown;
-    float clear;
+    const struct texel_cover *cover;
+    float offset;
     int64_t (*counts)[2]; /* per worker: cut, open */
 };
 
@@ -194,7 +194,7 @@ static void measure_row(void *arg, int row, int worker)
 
     for (int x = 0; x < b->size && !pell_cancelled(b->ctx); x++) {
         const size_t at = (size_t) row * (size_t) b->size + (size_t) x;
-        const struct texel_cover *s = &r->shown[at];
+        const struct texel_cover *s = &r->cover[at];
         struct pairs pairs[BAKE_INNER];
         struct pell_vec3 c[3], n[3], p, direction;
         const struct pell_mesh *m;
@@ -214,12 +214,12 @@ static void measure_row(void *arg, int row, int worker)
         w = 1.0f - u - v;
         p = vec3_mad(vec3_mad(vec3_mul(c[0], w), u, c[1]), v, c[2]);
         direction = vec3_mul(vec3_normalize(vec3_mad(vec3_mad(vec3_mul(n[0], w), u, n[1]), v, n[2])), -1.0f);
-        end = next_face(&b->outer, p, direction, r->clear, r->clear, true);
+        end = next_face(&b->outer, p, direction, r->offset, r->offset, true);
         if (!(end < INFINITY))
             r->counts[worker][1]++;
-        end = fminf(fminf(end, (float) fmin(b->down_to_mm, 1e30)), r->clear / CLEAR);
+        end = fminf(fminf(end, (float) fmin(b->down_to_mm, 1e30)), r->offset / RAY_OFFSET);
         for (int k = 0; k < b->num_inner; k++) {
-            find_pairs(&b->inner[k], p, direction, r->clear, end, &pairs[k]);
+            find_pairs(&b->inner[k], p, direction, r->offset, end, &pairs[k]);
             more = more || pairs[k].more;
         }
         cut_ray(b, pairs, end, &b->texels[at], &more);
@@ -231,16 +231,16 @@ enum pell_result bake_measure(struct bake *b)
 {
     const size_t n = (size_t) b->size * (size_t) b->size;
     const struct pell_scene *scene = b->outer.scene;
-    struct texel_cover *shown = pell_alloc_array(b->ctx, n, sizeof(*shown));
-    struct rows rows = { .b = b, .shown = shown };
+    struct texel_cover *cover = pell_alloc_array(b->ctx, n, sizeof(*cover));
+    struct rows rows = { .b = b, .cover = cover };
     enum pell_result res = PELL_ERR_NOMEM;
 
     b->texels = pell_calloc(b->ctx, n, sizeof(*b->texels));
     rows.counts = pell_calloc(b->ctx, (size_t) pell_pool_threads(b->pool), sizeof(*rows.counts));
-    if (!shown || !b->texels || !rows.counts)
+    if (!cover || !b->texels || !rows.counts)
         goto fail;
-    PELL_TRY(show_all(b, shown));
-    rows.clear = CLEAR * vec3_length(vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min)));
+    PELL_TRY(cover_texels(b, cover));
+    rows.offset = RAY_OFFSET * vec3_length(vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min)));
     pell_pool_run(b->pool, b->size, measure_row, &rows);
     for (int i = 0; i < pell_pool_threads(b->pool); i++) {
         b->cut += rows.counts[i][0];
@@ -250,6 +250,6 @@ enum pell_result bake_measure(struct bake *b)
 
 fail:
     pell_free(b->ctx, rows.counts);
-    pell_free(b->ctx, shown);
+    pell_free(b->ctx, cover);
     return res;
 }

@@ -54,12 +54,12 @@ static const struct pell_material *choose_material(const struct pell_scene *scen
 
     for (size_t i = 0; i < scene->num_materials; i++) {
         const struct pell_material *m = &scene->materials[i];
-        const int of_this = painted(m) ? 3 : m->num_layers > 0 ? 2 : !m->opaque;
+        const int own_rank = painted(m) ? 3 : m->num_layers > 0 ? 2 : !m->opaque;
         if (name && strcmp(m->name ? m->name : "", name) == 0)
             return m;
-        if (!name && of_this > rank) {
+        if (!name && own_rank > rank) {
             best = m;
-            rank = of_this;
+            rank = own_rank;
         }
     }
     return best;
@@ -232,11 +232,11 @@ static int measure(struct section *s)
         const struct surface_sample *at = &s->samples[i];
         bool broken = !at->mesh;
         if (at->mesh && last) {
-            const double gone = hypot(hypot((double) (at->position.x - last->position.x), (double) (at->position.y - last->position.y)),
-                                      (double) (at->position.z - last->position.z));
-            broken = found > 1 && (last != at - 1 || gone > 20.0 * step + 1e-3 * x);
-            x += broken ? 0.0 : gone;
-            step = fmax(step, broken ? 0.0 : gone);
+            const double distance = hypot(hypot((double) (at->position.x - last->position.x), (double) (at->position.y - last->position.y)),
+                                          (double) (at->position.z - last->position.z));
+            broken = found > 1 && (last != at - 1 || distance > 20.0 * step + 1e-3 * x);
+            x += broken ? 0.0 : distance;
+            step = fmax(step, broken ? 0.0 : distance);
         }
         s->x[i] = broken ? (double) NAN : x;
         if (at->mesh) {
@@ -265,7 +265,7 @@ static void measure_uniform(struct section *s)
 static double choose_depth(const struct section *s)
 {
     const struct pell_layer_medium *lowest = &s->medium_layers.item[s->medium_layers.count - 1];
-    double deepest = 0.0, solid = 0.0, path = 0.0;
+    double deepest = 0.0, solid = 0.0, mfp = 0.0;
 
     for (int i = 0; i < SAMPLES; i++) {
         for (int k = 1; k <= s->medium_layers.count; k++)
@@ -276,9 +276,9 @@ static double choose_depth(const struct section *s)
     }
     for (int c = 0; c < 3; c++)
         if (lowest->sigma_t[c] >= PELL_SIGMA_T_MIN)
-            path = fmax(path, 1.0 / lowest->sigma_t[c]);
+            mfp = fmax(mfp, 1.0 / lowest->sigma_t[c]);
     if (!isfinite(lowest->depth))
-        deepest += 5.0 * path;
+        deepest += 5.0 * mfp;
     if (solid > 0.0)
         deepest = fmin(deepest, solid);
     return deepest > 0.0 ? 1.02 * deepest : 1.0;
@@ -360,10 +360,15 @@ static enum pell_result draw(struct section *s, double length)
                  s->line[1], s->line[2], s->line[3], 330.0 / s->down_to / (780.0 / length));
     else
         snprintf(caption, sizeof(caption), "The same everywhere: no layer is painted.");
-    return plot_write(
-        s->cli->ctx, s->cli->check.cross_section,
-        &(struct plot) {
-            .title = title, .caption = caption, .width = 860, .height = 440, .columns = 1, .rows = 1, .share = { 1.0 }, .panels = &panel });
+    return plot_write(s->cli->ctx, s->cli->check.cross_section,
+                      &(struct plot) { .title = title,
+                                       .caption = caption,
+                                       .width = 860,
+                                       .height = 440,
+                                       .columns = 1,
+                                       .rows = 1,
+                                       .row_fraction = { 1.0 },
+                                       .panels = &panel });
 }
 
 /* --- The answer --------------------------------------------------------------------------------------------------------------- */

@@ -122,13 +122,13 @@ static enum exit_code compare_list(struct cli *cli)
 enum exit_code command_compare(struct cli *cli)
 {
     const bool scene = cli->num_arguments == 1;
-    const char *odd = scene ? first_given(cli, of_images, PELL_COUNT(of_images)) : first_given(cli, of_scenes, PELL_COUNT(of_scenes));
+    const char *misplaced = scene ? first_given(cli, of_images, PELL_COUNT(of_images)) : first_given(cli, of_scenes, PELL_COUNT(of_scenes));
     const struct pell_setting *setting = scene ? NULL : image_setting(cli);
 
     if (scene && cli_is_image(cli->arguments[0]))
         return cli_usage(cli, "compare", "pellucid compare A B", "one image was given: its reference is missing");
-    if (odd || setting)
-        return cli_usage(cli, odd ? odd : setting->where,
+    if (misplaced || setting)
+        return cli_usage(cli, misplaced ? misplaced : setting->where,
                          scene ? "pellucid compare A B" : "pellucid compare INPUT --methods all --reference hierarchical",
                          scene ? "goes with two images" : "goes with a scene, and two images are given");
     if (scene && pell_path_has_extension(cli->arguments[0], "txt"))

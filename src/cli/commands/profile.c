@@ -43,9 +43,9 @@ static enum exit_code make_model(struct cli *cli, const struct profile_job *job,
             return cli_usage(cli, "--roughness", "dipole, better-dipole and photon-beam take it",
                              "%s is made for smooth boundaries and can't have another: --roughness must be 0", out->name);
         if (res != PELL_OK) {
-            const enum pell_result said = pell_error(cli->ctx, res, "--model", NULL, "%s can't be made of %s (channel %s, eta %g): %s",
-                                                     out->name, job->name, job->names[c], job->medium.eta, pell_result_name(res));
-            return cli_failed(cli, said);
+            const enum pell_result logged = pell_error(cli->ctx, res, "--model", NULL, "%s can't be made of %s (channel %s, eta %g): %s",
+                                                       out->name, job->name, job->names[c], job->medium.eta, pell_result_name(res));
+            return cli_failed(cli, logged);
         }
     }
     return EXIT_OK;
@@ -487,7 +487,7 @@ static void print_transmitted(const struct profile_job *job)
  * accounts for. */
 static void explain_far_errors(const struct profile_job *job)
 {
-    double from = 0.0, share = 0.0;
+    double from = 0.0, fraction = 0.0;
 
     for (size_t i = job->count; i-- > 0;) {
         bool far = false;
@@ -502,8 +502,8 @@ static void explain_far_errors(const struct profile_job *job)
     if (!(from > 0.0))
         return;
     for (int c = 0; c < 3; c++)
-        share = fmax(share, 1.0 - pell_profile_cdf(&job->profile->R[c], from));
-    printf("  errors over 20 %% begin at %.4g mm, beyond which at most %.2g %% of the light leaves\n", from, 100.0 * share);
+        fraction = fmax(fraction, 1.0 - pell_profile_cdf(&job->profile->R[c], from));
+    printf("  errors over 20 %% begin at %.4g mm, beyond which at most %.2g %% of the light leaves\n", from, 100.0 * fraction);
 }
 
 /* The row of a radius: R, and T of a slab or the fit's error where R is above 0. */

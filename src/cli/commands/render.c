@@ -376,13 +376,13 @@ static enum exit_code check_method(struct cli *cli, const struct pell_method *me
 /* What the options of parts and checkpoints ask for, before the scene is read. The method is checked if it is known already. */
 static enum exit_code check_checkpoint(struct cli *cli, struct job *job)
 {
-    const bool asks = cli->checkpoint || cli->part.samples || cli->part.tiles || cli->program->communicator;
+    const bool requested = cli->checkpoint || cli->part.samples || cli->part.tiles || cli->program->communicator;
     const struct pell_method *method;
     enum exit_code code = EXIT_OK;
 
     if (cli->merge.count > 0)
         return EXIT_OK;
-    if (asks && !job->chooses && session_method_ahead(cli, &method) && (code = check_method(cli, method)) != EXIT_OK)
+    if (requested && !job->chooses && session_method_ahead(cli, &method) && (code = check_method(cli, method)) != EXIT_OK)
         return code;
     if ((code = cli_part_check(cli)) != EXIT_OK)
         return code;

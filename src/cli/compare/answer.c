@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define RELATIVE_RANGE 0.5f /* at the ends of the map's colours */
+#define RELATIVE_RANGE 0.5f /* relative error at the ends of the map's colours */
 
 enum { COLORS = 1024 };
 
@@ -160,9 +160,9 @@ enum pell_result compare_write_json(struct cli *cli, const json_t *answer, struc
 static enum pell_result write_map(struct cli *cli, const struct pell_comparison *r, struct output_folder *f, const char *name,
                                   const float *map, float low, float high, void (*color)(float, float *))
 {
-    const size_t all = (size_t) r->width * (size_t) r->height;
+    const size_t pixels = (size_t) r->width * (size_t) r->height;
     const char *path = folder_file(f, name);
-    float table[COLORS][3], *planes = pell_alloc_array(cli->ctx, all, 3 * sizeof(float));
+    float table[COLORS][3], *planes = pell_alloc_array(cli->ctx, pixels, 3 * sizeof(float));
     struct pell_channel channels[3];
     enum pell_result res;
 
@@ -176,14 +176,14 @@ static enum pell_result write_map(struct cli *cli, const struct pell_comparison 
         for (int c = 0; c < 3; c++)
             table[i][c] = pell_srgb_decode(table[i][c]); /* PNG encodes it */
     }
-    for (size_t i = 0; i < all; i++) {
+    for (size_t i = 0; i < pixels; i++) {
         const float u = (map[i] - low) / (high - low);
         const int k = (int) ((u > 0.0f ? u < 1.0f ? u : 1.0f : 0.0f) * (COLORS - 1) + 0.5f);
         for (size_t c = 0; c < 3; c++)
-            planes[c * all + i] = table[k][c];
+            planes[c * pixels + i] = table[k][c];
     }
     for (int c = 0; c < 3; c++)
-        channels[c] = (struct pell_channel) { (const char *[]) { "R", "G", "B" }[c], planes + (size_t) c * all, r->width, false };
+        channels[c] = (struct pell_channel) { (const char *[]) { "R", "G", "B" }[c], planes + (size_t) c * pixels, r->width, false };
     res = pell_image_write(cli->ctx, path, NULL,
                            &(struct pell_write_params) { .width = r->width, .height = r->height, .channels = channels, .num_channels = 3 });
     pell_free(cli->ctx, planes);

@@ -87,7 +87,7 @@ json_t *compare_part(const struct pell_metrics *m);
 void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display);
 json_t *compare_number(double v); /* null where it is not finite */
 #define COMPARE_LIKELY 0.01       /* p of the Z-test; below it the images differ by more than noise */
-/* "not resolved: ..." if the noise exceeds an error among these metrics; else NULL. */
+/* Why noise hides the "rel_mse" of these metrics, in words; NULL: it is resolved. */
 const char *compare_unresolved(const json_t *metrics);
 /* Adds how the reference is displayed: "exposure", "white", "hdr_exposures" (null for display images). */
 void compare_add_shown(json_t *to, const struct pell_comparison *r, bool display);
@@ -138,7 +138,7 @@ PELL_NODISCARD enum pell_result report_open(struct pell_context *ctx, int width,
  * report's data refers to them. */
 PELL_NODISCARD enum pell_result report_image(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id);
 PELL_NODISCARD enum pell_result report_map(struct report *r, const float *map, ptrdiff_t stride, json_t **id);
-/* One view of the images with its metrics; `mask` NULL: all pixels. `r`: comparison of the first method. */
+/* One view of the images with its metrics; `mask` NULL: all pixels. `result`: comparison of the first method. */
 json_t *report_view(struct report *r, const char *id, const char *title, const char *text, const struct pell_compare_input *in,
                     const struct pell_compare_params *params, const struct pell_comparison *result);
 /* Returns the page as text allocated by malloc, once. The report can then only be closed. */

@@ -30,9 +30,9 @@ void halves_choose(const struct pell_method *method, void *values, int half)
 /* Copies what the renderer owns until its next image. */
 static enum pell_result keep(struct cli *cli, const struct pell_render_result *p, struct halves *h)
 {
-    const size_t all = (size_t) p->width * (size_t) p->height;
+    const size_t pixels = (size_t) p->width * (size_t) p->height;
 
-    h->planes = pell_alloc_array(cli->ctx, all, p->num_channels * sizeof(float));
+    h->planes = pell_alloc_array(cli->ctx, pixels, p->num_channels * sizeof(float));
     h->channels = pell_alloc_array(cli->ctx, p->num_channels, sizeof(*h->channels));
     h->stages = pell_alloc_array(cli->ctx, p->num_stages + 1, sizeof(*h->stages));
     h->names = pell_alloc_array(cli->ctx, p->num_stages + 1, sizeof(*h->names));
@@ -40,7 +40,7 @@ static enum pell_result keep(struct cli *cli, const struct pell_render_result *p
         return PELL_ERR_NOMEM;
     for (size_t k = 0; k < p->num_channels; k++)
         for (int y = 0; y < p->height; y++)
-            memcpy(h->planes + k * all + (size_t) y * (size_t) p->width, p->channels[k].data + y * p->channels[k].stride,
+            memcpy(h->planes + k * pixels + (size_t) y * (size_t) p->width, p->channels[k].data + y * p->channels[k].stride,
                    (size_t) p->width * sizeof(float));
     for (size_t i = 0; i < p->num_stages; i++) {
         h->stages[i] = p->stages[i];
@@ -54,15 +54,15 @@ static enum pell_result keep(struct cli *cli, const struct pell_render_result *p
 /* Joins two halves: means of the values, a quarter of the sum of the variances, sums of the costs. */
 static void join(struct pell_render_result *p, struct halves *h)
 {
-    const size_t all = (size_t) p->width * (size_t) p->height;
+    const size_t pixels = (size_t) p->width * (size_t) p->height;
 
     for (size_t k = 0; k < p->num_channels; k++) {
-        const float share = strncmp(p->channels[k].name, "variance.", 9) == 0 ? 0.25f : 0.5f;
-        float *to = h->planes + k * all;
+        const float weight = strncmp(p->channels[k].name, "variance.", 9) == 0 ? 0.25f : 0.5f;
+        float *to = h->planes + k * pixels;
         for (int y = 0; y < p->height; y++)
             for (int x = 0; x < p->width; x++, to++)
-                *to = share * *to + share * p->channels[k].data[y * p->channels[k].stride + x];
-        h->channels[k] = (struct pell_channel) { p->channels[k].name, h->planes + k * all, p->width, p->channels[k].full_float };
+                *to = weight * *to + weight * p->channels[k].data[y * p->channels[k].stride + x];
+        h->channels[k] = (struct pell_channel) { p->channels[k].name, h->planes + k * pixels, p->width, p->channels[k].full_float };
     }
     for (size_t i = 0; i < p->num_stages; i++)
         for (size_t k = 0; k < h->first.num_stages; k++)

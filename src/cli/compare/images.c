@@ -199,20 +199,20 @@ static void answer_text(const struct cli *cli, const struct task *t)
 /* The reference as used for comparison: the mean of its halves. */
 static enum pell_result report_reference(struct cli *cli, struct report *report, const struct pell_compare_input *in, json_t **id)
 {
-    const size_t all = (size_t) in->width * (size_t) in->height;
+    const size_t pixels = (size_t) in->width * (size_t) in->height;
     const float *mean[3];
     float *planes;
     enum pell_result res;
 
     if (!in->half[0])
         return report_image(report, in->reference, in->stride, id);
-    planes = pell_alloc_array(cli->ctx, all, 3 * sizeof(float));
+    planes = pell_alloc_array(cli->ctx, pixels, 3 * sizeof(float));
     if (!planes)
         return PELL_ERR_NOMEM;
     for (size_t c = 0; c < 3; c++) {
-        for (size_t i = 0; i < all; i++)
-            planes[c * all + i] = 0.5f * (in->reference[c][i] + in->half[c][i]);
-        mean[c] = planes + c * all;
+        for (size_t i = 0; i < pixels; i++)
+            planes[c * pixels + i] = 0.5f * (in->reference[c][i] + in->half[c][i]);
+        mean[c] = planes + c * pixels;
     }
     res = report_image(report, mean, in->stride, id);
     pell_free(cli->ctx, planes);

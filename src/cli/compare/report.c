@@ -133,10 +133,10 @@ static enum pell_result put_packed(struct report *r, size_t size, json_t **id)
 
 enum pell_result report_image(struct report *r, const float *const rgb[3], ptrdiff_t stride, json_t **id)
 {
-    const size_t all = (size_t) r->across * (size_t) r->down;
+    const size_t pixels = (size_t) r->across * (size_t) r->down;
 
     for (size_t c = 0; c < 3; c++) {
-        uint8_t *high = r->bytes + 2 * c * all, *low = high + all;
+        uint8_t *high = r->bytes + 2 * c * pixels, *low = high + pixels;
         uint16_t above = 0;
         reduce(r, rgb[c], stride);
         for (int y = 0; y < r->down; y++) {
@@ -151,12 +151,12 @@ enum pell_result report_image(struct report *r, const float *const rgb[3], ptrdi
             }
         }
     }
-    return put_packed(r, 6 * all, id);
+    return put_packed(r, 6 * pixels, id);
 }
 
 enum pell_result report_map(struct report *r, const float *map, ptrdiff_t stride, json_t **id)
 {
-    const size_t all = (size_t) r->across * (size_t) r->down;
+    const size_t pixels = (size_t) r->across * (size_t) r->down;
     uint8_t above = 0;
 
     reduce(r, map, stride);
@@ -171,7 +171,7 @@ enum pell_result report_map(struct report *r, const float *map, ptrdiff_t stride
             last = b;
         }
     }
-    return put_packed(r, all, id);
+    return put_packed(r, pixels, id);
 }
 
 json_t *report_view(struct report *r, const char *id, const char *title, const char *text, const struct pell_compare_input *in,
@@ -196,7 +196,7 @@ json_t *report_view(struct report *r, const char *id, const char *title, const c
 enum pell_result report_open(struct pell_context *ctx, int width, int height, struct report **out)
 {
     struct report *r = *out = pell_zalloc(ctx, sizeof(*r));
-    size_t all;
+    size_t pixels;
 
     if (!r)
         return PELL_ERR_NOMEM;
@@ -208,10 +208,10 @@ enum pell_result report_open(struct pell_context *ctx, int width, int height, st
         r->across = (width + r->factor - 1) / r->factor;
         r->down = (height + r->factor - 1) / r->factor;
     } while ((int64_t) r->across * r->down > REPORT_PIXELS);
-    all = (size_t) r->across * (size_t) r->down;
-    r->packed_size = compressBound((uLong) (6 * all));
-    r->plane = pell_alloc_array(ctx, all, sizeof(float));
-    r->bytes = pell_alloc_array(ctx, all, 6);
+    pixels = (size_t) r->across * (size_t) r->down;
+    r->packed_size = compressBound((uLong) (6 * pixels));
+    r->plane = pell_alloc_array(ctx, pixels, sizeof(float));
+    r->bytes = pell_alloc_array(ctx, pixels, 6);
     r->packed = pell_alloc(ctx, r->packed_size);
     r->stream = open_memstream(&r->data, &r->size);
     if (r->plane && r->bytes && r->packed && r->stream)
@@ -261,7 +261,9 @@ enum pell_result report_page(struct report *r, json_t *data, char **page, size_t
         put_json(f, text);
         fputs("</script>\n", f);
         fputs(report_page_end, f);
-        res = ferror(f) || fclose(f) != 0 ? PELL_ERR_NOMEM : PELL_OK;
+        res = ferror(f) ? PELL_ERR_NOMEM : PELL_OK;
+        if (fclose(f) != 0)
+            res = PELL_ERR_NOMEM;
     }
     free(text);
     if (res != PELL_OK) {

@@ -138,7 +138,7 @@ static enum exit_code check_set(struct cli *cli, const struct run_list *runs)
 static enum exit_code configure(struct cli *cli, const struct run_list *runs, const struct pell_scene *scene, struct run *run)
 {
     const bool reference = run < runs->list + runs->num_references;
-    const char *own = CLI_DEFAULT_METHOD;
+    const char *scene_method = CLI_DEFAULT_METHOD;
     struct settings_list list = { 0 };
     struct pell_plan plan = { 0 };
     enum pell_result res = PELL_OK;
@@ -147,9 +147,9 @@ static enum exit_code configure(struct cli *cli, const struct run_list *runs, co
         return EXIT_OK;
     for (size_t i = 0; scene && i < scene->num_options; i++)
         if (strcmp(scene->options[i].name, "method") == 0)
-            own = scene->options[i].value;
+            scene_method = scene->options[i].value;
     for (size_t i = 0; scene && res == PELL_OK && i < scene->num_options; i++)
-        if (strncmp(scene->options[i].name, "knobs/", 6) == 0 && strcmp(own, run->method->name) == 0)
+        if (strncmp(scene->options[i].name, "knobs/", 6) == 0 && strcmp(scene_method, run->method->name) == 0)
             res = cli_add_setting(&list, scene->options[i].name + 6, scene->options[i].value, scene->options[i].where);
     for (size_t i = 0; !reference && res == PELL_OK && i < runs->set.count; i++)
         if (find_knob(run->method, runs->set.items[i].name))

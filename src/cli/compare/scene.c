@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LOUD 0.1 /* relative noise of a reference above which a warning is printed */
+#define NOISE_WARNED 0.1 /* relative noise of a reference above which a warning is printed */
 
 enum { PART, WHOLE, VIEWS }; /* the subsurface light of translucent pixels; all light of all pixels: name, title, caption */
 static const char *const views[VIEWS][3] = {
@@ -62,13 +62,13 @@ static void add_plane(const struct job *job, const struct pell_channel *from, co
 /* Makes the mask from the first reference. */
 static enum exit_code make_mask(struct cli *cli, struct job *job, const struct pell_render_result *p)
 {
-    const size_t all = (size_t) job->width * (size_t) job->height;
+    const size_t pixels = (size_t) job->width * (size_t) job->height;
 
-    job->mask = pell_calloc(cli->ctx, all, sizeof(float));
+    job->mask = pell_calloc(cli->ctx, pixels, sizeof(float));
     if (!job->mask)
         return EXIT_MEMORY;
     add_plane(job, cli_channel(p, "translucent", "Y"), NULL, job->mask);
-    for (size_t i = 0; i < all; i++)
+    for (size_t i = 0; i < pixels; i++)
         job->translucent += job->mask[i] > 0.5f;
     if (job->translucent == 0)
         return cli_failed(cli,
@@ -77,12 +77,12 @@ static enum exit_code make_mask(struct cli *cli, struct job *job, const struct p
     return EXIT_OK;
 }
 
-static void set_planes(struct light *l, size_t all, bool noisy)
+static void set_planes(struct light *l, size_t pixels, bool noisy)
 {
     for (size_t c = 0; c < 3; c++) {
-        l->rgb[PART][c] = l->planes + c * all;
-        l->rgb[WHOLE][c] = l->planes + (3 + c) * all;
-        l->variance[c] = noisy ? l->planes + (6 + c) * all : NULL;
+        l->rgb[PART][c] = l->planes + c * pixels;
+        l->rgb[WHOLE][c] = l->planes + (3 + c) * pixels;
+        l->variance[c] = noisy ? l->planes + (6 + c) * pixels : NULL;
     }
 }
 
@@ -90,13 +90,13 @@ static enum pell_result take_light(struct cli *cli, const struct job *job, const
                                    struct light *l)
 {
     static const char *const names[3] = { "R", "G", "B" };
-    const size_t all = (size_t) job->width * (size_t) job->height;
+    const size_t pixels = (size_t) job->width * (size_t) job->height;
     const bool noisy = cli_channel(p, "variance", "R") != NULL;
 
-    l->planes = pell_calloc(cli->ctx, all, (noisy ? 9 : 6) * sizeof(float));
+    l->planes = pell_calloc(cli->ctx, pixels, (noisy ? 9 : 6) * sizeof(float));
     if (!l->planes)
         return PELL_ERR_NOMEM;
-    set_planes(l, all, noisy);
+    set_planes(l, pixels, noisy);
     for (size_t c = 0; c < 3; c++) {
         add_plane(job, cli_channel(p, "", names[c]), NULL, l->rgb[WHOLE][c]);
         if (run->mixes)
@@ -121,18 +121,18 @@ static void drop_light(struct cli *cli, struct light *l)
 /* Stores all light of a reference's translucent pixels, for methods that give a finished image only. */
 static enum pell_result masked_light(struct cli *cli, struct job *job, size_t reference, const float *rgb[3])
 {
-    const size_t all = (size_t) job->width * (size_t) job->height;
+    const size_t pixels = (size_t) job->width * (size_t) job->height;
 
     if (!job->masked) {
-        job->masked = pell_alloc_array(cli->ctx, all, job->runs.num_references * 3 * sizeof(float));
+        job->masked = pell_alloc_array(cli->ctx, pixels, job->runs.num_references * 3 * sizeof(float));
         if (!job->masked)
             return PELL_ERR_NOMEM;
         for (size_t k = 0; k < 3 * job->runs.num_references; k++)
-            for (size_t i = 0; i < all; i++)
-                job->masked[k * all + i] = job->mask[i] > 0.5f ? job->references[k / 3].rgb[WHOLE][k % 3][i] : 0.0f;
+            for (size_t i = 0; i < pixels; i++)
+                job->masked[k * pixels + i] = job->mask[i] > 0.5f ? job->references[k / 3].rgb[WHOLE][k % 3][i] : 0.0f;
     }
     for (size_t c = 0; c < 3; c++)
-        rgb[c] = job->masked + (3 * reference + c) * all;
+        rgb[c] = job->masked + (3 * reference + c) * pixels;
     return PELL_OK;
 }
 
@@ -337,14 +337,14 @@ fail:
 /* Makes the mean of both halves. */
 static enum pell_result join_halves(struct cli *cli, const struct job *job, struct light *l)
 {
-    const size_t all = (size_t) job->width * (size_t) job->height, planes = l->half[0].variance[0] ? 9 : 6;
+    const size_t pixels = (size_t) job->width * (size_t) job->height, planes = l->half[0].variance[0] ? 9 : 6;
 
-    l->planes = pell_alloc_array(cli->ctx, all, planes * sizeof(float));
+    l->planes = pell_alloc_array(cli->ctx, pixels, planes * sizeof(float));
     if (!l->planes)
         return PELL_ERR_NOMEM;
-    for (size_t k = 0; k < planes * all; k++)
-        l->planes[k] = (k < 6 * all ? 0.5f : 0.25f) * (l->half[0].planes[k] + l->half[1].planes[k]);
-    set_planes(l, all, planes == 9);
+    for (size_t k = 0; k < planes * pixels; k++)
+        l->planes[k] = (k < 6 * pixels ? 0.5f : 0.25f) * (l->half[0].planes[k] + l->half[1].planes[k]);
+    set_planes(l, pixels, planes == 9);
     return PELL_OK;
 }
 
@@ -593,7 +593,7 @@ static void answer_text(const struct cli *cli, const struct job *job)
 static void warn_of_noise(struct cli *cli, const struct job *job)
 {
     for (size_t i = 0; i < job->runs.num_references; i++)
-        if (job->rel_noise[i] > LOUD)
+        if (job->rel_noise[i] > NOISE_WARNED)
             pell_warn(cli->ctx, job->runs.list[i].label, "give it more samples, a smaller error or more time",
                       "its noise is %.0f %%, which MAE, SSIM and FLIP include", 100.0 * job->rel_noise[i]);
 }

@@ -87,9 +87,9 @@ static enum pell_result choose_layer(const struct sources *all, struct source *s
 static void name_layer(struct sources *s)
 {
     const char *asked = s->cli->compare.layer;
-    const bool apart = s->test.rows->layered && s->reference.rows->layered && has_subsurface(&s->test) && has_subsurface(&s->reference);
+    const bool separate = s->test.rows->layered && s->reference.rows->layered && has_subsurface(&s->test) && has_subsurface(&s->reference);
 
-    snprintf(s->layer, sizeof(s->layer), "%s", asked && asked[0] ? asked : apart ? SUBSURFACE : "R,G,B");
+    snprintf(s->layer, sizeof(s->layer), "%s", asked && asked[0] ? asked : separate ? SUBSURFACE : "R,G,B");
 }
 
 /* --- Opening ------------------------------------------------------------------------------------------------------------------ */
@@ -240,7 +240,7 @@ static float *plane_of(const struct source *s, int channel)
     return channel >= 0 ? s->planes[channel] : NULL;
 }
 
-static bool sums(const struct source *s)
+static bool has_sum(const struct source *s)
 {
     for (int k = 0; k < SUBSURFACE_LAYERS; k++)
         if (s->light[k][0] >= 0)
@@ -268,7 +268,7 @@ static enum pell_result hold(struct sources *all, struct source *s)
     for (int i = 0; i < count; i++)
         if (wanted[i] >= 0 && !s->planes[wanted[i]] && !(s->planes[wanted[i]] = pell_alloc_array(ctx, size, sizeof(float))))
             return PELL_ERR_NOMEM;
-    if (sums(s) && !(s->sum = pell_alloc_array(ctx, size, 3 * sizeof(float))))
+    if (has_sum(s) && !(s->sum = pell_alloc_array(ctx, size, 3 * sizeof(float))))
         return PELL_ERR_NOMEM;
     return PELL_OK;
 }
@@ -292,9 +292,9 @@ fail:
     return res;
 }
 
-/* Sums light that was scattered inside a material - once, many times, or transmitted - over pixels where `where` (NULL: everywhere) is set.
+/* Sums light that was scattered inside a material - once, many times, or transmitted - over pixels where `mask` (NULL: everywhere) is set.
  * Rows from `begin` of the band. */
-static void add_subsurface(const struct sources *all, struct source *s, const float *where, int begin)
+static void add_subsurface(const struct sources *all, struct source *s, const float *mask, int begin)
 {
     const size_t band = (size_t) all->capacity * (size_t) s->width, width = (size_t) s->width;
 
@@ -304,7 +304,7 @@ static void add_subsurface(const struct sources *all, struct source *s, const fl
         for (int k = 0; k < SUBSURFACE_LAYERS; k++) {
             const float *light = plane_of(s, s->light[k][c]);
             for (size_t i = (size_t) begin * width; light && i < (size_t) all->count * width; i++)
-                sum[i] += !where || where[i] > 0.5f ? light[i] : 0.0f;
+                sum[i] += !mask || mask[i] > 0.5f ? light[i] : 0.0f;
         }
     }
 }

@@ -11,7 +11,7 @@ enum { TABLE = 64 };
 enum language { C, GLSL, HLSL, JSON, LANGUAGES };
 const char *const profile_language_names[LANGUAGES + 1] = { "c", "glsl", "hlsl", "json", NULL };
 
-#define SEEN 0.05 /* error above which a separable kernel is reported as inaccurate */
+#define SEPARABLE_ERROR_WARNED 0.05 /* error above which a separable kernel is reported as inaccurate */
 
 /* The contents of an export. */
 struct kernel {
@@ -20,7 +20,7 @@ struct kernel {
     struct pell_separable separable;
     double r_max; /* last radius of the table, mm */
     double table[TABLE][3];
-    double share[3]; /* fraction of the light that the table covers */
+    double coverage[3]; /* fraction of the light that the table covers */
 };
 
 static enum language find_language(const char *name)
@@ -54,7 +54,7 @@ static enum pell_result make_kernel(const struct profile_job *job, int taps, int
     for (int c = 0; c < 3; c++)
         k->r_max = fmax(k->r_max, pell_profile_sample(&job->profile->R[c], 0.99));
     for (int c = 0; c < 3 && res == PELL_OK; c++) {
-        k->share[c] = pell_profile_cdf(&job->profile->R[c], k->r_max);
+        k->coverage[c] = pell_profile_cdf(&job->profile->R[c], k->r_max);
         res = pell_kernel_table_value(&job->profile->R[c], k->r_max, texel, TABLE);
         for (int i = 0; i < TABLE; i++)
             k->table[i][c] = texel[i];
@@ -274,8 +274,8 @@ static void add_table(struct profile_text *t, enum language l, const char *id, c
 
     profile_add(t, "\n");
     add_comment(t, l, "R(r) as a table, 1/mm^2: texel i is the mean over the ring i <= r texels/table_mm < i + 1; 0 beyond table_mm (mm).");
-    snprintf(line, sizeof(line), "It holds %.2f %.2f %.2f %% of the light: scale it where that must be all.", 100.0 * k->share[0],
-             100.0 * k->share[1], 100.0 * k->share[2]);
+    snprintf(line, sizeof(line), "It holds %.2f %.2f %.2f %% of the light: scale it where that must be all.", 100.0 * k->coverage[0],
+             100.0 * k->coverage[1], 100.0 * k->coverage[2]);
     add_comment(t, l, line);
     add_integer(t, l, id, "texels", TABLE);
     add_float(t, l, id, "table_mm", k->r_max);
@@ -327,7 +327,7 @@ static void add_json(struct profile_text *t, const struct profile_job *job, cons
     o = json_pack("{s:o,s:s,s:o,s:{s:o,s:o,s:o},s:{s:f,s:o,s:o},s:[s,s,s]}", "material", cli_text(job->name), "model", job->model, "unit",
                   json_string("mm"), "separable", "offset_mm", cli_numbers(s->offset_mm, (size_t) s->taps), "weight",
                   rows_of((const double(*)[3]) all, s->rank * s->taps), "error", cli_numbers(s->error, 3), "table", "r_max_mm", k->r_max,
-                  "R", rows_of(k->table, TABLE), "share", cli_numbers(k->share, 3), "channels", job->titles[0], job->titles[1],
+                  "R", rows_of(k->table, TABLE), "share", cli_numbers(k->coverage, 3), "channels", job->titles[0], job->titles[1],
                   job->titles[2]);
     if (o) {
         json_object_set_new(json_object_get(o, "separable"), "rank", json_integer(s->rank));
@@ -381,7 +381,7 @@ enum exit_code profile_export(struct cli *cli, const struct profile_job *job)
 
     if (res == PELL_OK) {
         const enum exit_code code = profile_write(cli, &text);
-        if (code == EXIT_OK && error > SEEN)
+        if (code == EXIT_OK && error > SEPARABLE_ERROR_WARNED)
             pell_warn(cli->ctx, job->name,
                       cli->numbers.rank < 3 ? "raise --rank, or use the exported Gaussians, each a blur of its own"
                                             : "use the exported Gaussians, each a blur of its own",

@@ -47,16 +47,16 @@ enum exit_code profile_write(struct cli *cli, struct profile_text *text)
 double profile_distance(const struct pell_profile *R, const struct pell_profile *M)
 {
     const double low = pell_profile_sample(M, 1e-3), high = 10.0 * pell_profile_sample(M, 0.9999);
-    double above = 0.0, below = 0.0;
+    double numerator = 0.0, denominator = 0.0;
 
     if (!(low > 0.0) || !(high > low))
         return (double) NAN;
     for (int i = 0; i <= QUADRATURE; i++) {
         const double r = low * pow(high / low, (double) i / QUADRATURE), m = pell_profile_eval(M, r), d = pell_profile_eval(R, r) - m;
-        above += r * r * d * d;
-        below += r * r * m * m;
+        numerator += r * r * d * d;
+        denominator += r * r * m * m;
     }
-    return sqrt(above / below);
+    return sqrt(numerator / denominator);
 }
 
 const struct candidate *profile_reference(const struct profile_job *job)

@@ -28,7 +28,7 @@ static int find_solver(struct cli *cli, const char *name)
 }
 
 /* Solves the three problems (one per channel) by --solver, or by all solvers, the first of which the others are compared with. */
-static enum exit_code solve_all(struct cli *cli, struct profile_job *job, struct stack_question questions[3])
+static enum exit_code solve_all(struct cli *cli, struct profile_job *job, struct stack_problem problems[3])
 {
     const char *name = cli->profile.solver ? cli->profile.solver : stack_solver_names[0];
     const bool all = strcmp(name, "all") == 0;
@@ -44,12 +44,12 @@ static enum exit_code solve_all(struct cli *cli, struct profile_job *job, struct
         struct candidate *k = all && s ? &job->others[s - 1] : job->profile;
         k->name = stack_solver_names[s];
         for (int c = 0; c < 3 && code == EXIT_OK; c++) {
-            unsigned said = 0;
-            questions[c].solver = (enum stack_solver) s;
+            unsigned raised = 0;
+            problems[c].solver = (enum stack_solver) s;
             /* A stack that begins inside has no boundary of its own. */
-            questions[c].roughness = questions[c].eta_above == 0.0 ? job->params.roughness : 0.0;
-            code = cli_failed(cli, stack_solve(cli->ctx, &questions[c], &k->R[c], job->slab ? &k->T[c] : NULL, &said));
-            flags |= said;
+            problems[c].roughness = problems[c].eta_above == 0.0 ? job->params.roughness : 0.0;
+            code = cli_failed(cli, stack_solve(cli->ctx, &problems[c], &k->R[c], job->slab ? &k->T[c] : NULL, &raised));
+            flags |= raised;
             if (pell_cancelled(cli->ctx))
                 code = EXIT_INTERRUPTED;
         }
@@ -63,15 +63,15 @@ static enum exit_code solve_all(struct cli *cli, struct profile_job *job, struct
 
 enum exit_code profile_open_layers(struct cli *cli, struct profile_job *job, const struct pell_material_layers *layers)
 {
-    struct stack_question questions[3];
+    struct stack_problem problems[3];
     enum exit_code code = profile_refuse_medium_options(cli, job, "stack of layers");
 
     if (code != EXIT_OK)
         return code;
     job->slab = !isinf(layers->item[layers->count - 1].thickness_mm);
     for (int c = 0; c < 3; c++)
-        questions[c] = (struct stack_question) { .where = job->name, .layers = layers, .channel = c };
-    return solve_all(cli, job, questions);
+        problems[c] = (struct stack_problem) { .where = job->name, .layers = layers, .channel = c };
+    return solve_all(cli, job, problems);
 }
 
 enum exit_code profile_open_stack_file(struct cli *cli, struct profile_job *job)
@@ -202,9 +202,9 @@ static enum exit_code open_wavelength(struct cli *cli, struct profile_job *job, 
     set_layer(&both, 1, &dermis, skin->eta, INFINITY);
     /* A layer on its own has the same neighbouring indices as in the stack, where the index does not change between layers. */
     return solve_all(cli, job,
-                     (struct stack_question[3]) { { .where = job->name, .layers = &alone[0], .eta_below = skin->eta },
-                                                  { .where = job->name, .layers = &alone[1], .eta_above = skin->eta },
-                                                  { .where = job->name, .layers = &both } });
+                     (struct stack_problem[3]) { { .where = job->name, .layers = &alone[0], .eta_below = skin->eta },
+                                                 { .where = job->name, .layers = &alone[1], .eta_above = skin->eta },
+                                                 { .where = job->name, .layers = &both } });
 }
 
 enum exit_code profile_open_skin(struct cli *cli, struct profile_job *job)

@@ -382,7 +382,7 @@ enum exit_code profile_plot(struct cli *cli, const struct profile_job *job)
                                                            .height = rows > 1 ? 640.0 : 520.0,
                                                            .columns = columns,
                                                            .rows = rows,
-                                                           .share = { rows > 1 ? 0.68 : 1.0, 0.32 },
+                                                           .row_fraction = { rows > 1 ? 0.68 : 1.0, 0.32 },
                                                            .panels = sheet->panels }));
     for (size_t i = 0; sheet && i < sheet->num_values; i++)
         free(sheet->values[i]);

@@ -58,7 +58,7 @@ static enum pell_result solve(const struct pell_stack *stack, int c, enum stack_
     return res;
 }
 
-static enum pell_result failed(struct pell_context *ctx, const struct stack_question *q, const struct pell_stack *stack,
+static enum pell_result failed(struct pell_context *ctx, const struct stack_problem *q, const struct pell_stack *stack,
                                enum pell_result res)
 {
     struct pell_stack_fault fault;
@@ -74,7 +74,7 @@ static enum pell_result failed(struct pell_context *ctx, const struct stack_ques
                       fault.max);
 }
 
-enum pell_result stack_solve(struct pell_context *ctx, const struct stack_question *q, struct pell_profile *R, struct pell_profile *T,
+enum pell_result stack_solve(struct pell_context *ctx, const struct stack_problem *q, struct pell_profile *R, struct pell_profile *T,
                              unsigned *flags)
 {
     struct pell_stack *stack = calloc(1, sizeof(*stack));

@@ -21,7 +21,7 @@ extern const char *const stack_solver_names[]; /* "hankel", "gaussian", "analyti
 /* Describes the flags of pellucid/layers.h, or NULL. */
 const char *stack_warning(unsigned flags);
 
-struct stack_question {
+struct stack_problem {
     const char *where; /* for messages */
     const struct pell_material_layers *layers;
     double eta_above, eta_below, roughness; /* of the top boundary; an index of 0 means 1 */
@@ -30,7 +30,7 @@ struct stack_question {
 };
 
 /* Computes R and, for a stack with a bottom, T (may be NULL). Errors are logged. */
-PELL_NODISCARD enum pell_result stack_solve(struct pell_context *ctx, const struct stack_question *q, struct pell_profile *R,
+PELL_NODISCARD enum pell_result stack_solve(struct pell_context *ctx, const struct stack_problem *q, struct pell_profile *R,
                                             struct pell_profile *T, unsigned *flags);
 
 #endif
