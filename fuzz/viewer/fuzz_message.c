@@ -39,7 +39,8 @@ static void check(const struct viewer_message *m)
     require(!m->camera || json_is_object(m->camera));
     require(!m->lights || json_is_array(m->lights));
     require(!m->materials || json_is_object(m->materials));
-    require((m->type != VIEWER_PROFILE || m->medium) && m->gaussians >= 1 && m->gaussians <= PELL_GAUSSIANS_MAX);
+    require(m->type != VIEWER_PROFILE || m->medium || (m->material && !m->export));
+    require(m->gaussians >= 1 && m->gaussians <= PELL_GAUSSIANS_MAX);
 }
 
 /* The same bytes as the Host and the Origin of a request. */

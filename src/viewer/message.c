@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#define PLACE "message"
+#define WHERE "message"
 
 static const char *const types[] = { "view", "ack", "save", "pick", "profile" };
 const char *const viewer_format_names[] = { "scene", "exr", "report" };
@@ -96,7 +96,7 @@ static enum pell_result read_message(struct viewer_message *m, const void *data,
     enum pell_result res;
 
     if (size > VIEWER_MESSAGE_BYTES)
-        return pell_error(m->file.ctx, PELL_ERR_INVALID, PLACE, NULL, "has %zu bytes, at most %u are allowed", size, VIEWER_MESSAGE_BYTES);
+        return pell_error(m->file.ctx, PELL_ERR_INVALID, WHERE, NULL, "has %zu bytes, at most %u are allowed", size, VIEWER_MESSAGE_BYTES);
     PELL_TRY(pell_json_parse(&m->file, data, size));
     root = pell_json_root(&m->file);
     PELL_TRY(pell_json_is_object(&root));
@@ -120,11 +120,11 @@ static enum pell_result read_message(struct viewer_message *m, const void *data,
     m->medium = (json_t *) medium.value;
     PELL_TRY(pell_json_object(&root, "material", &material));
     m->material = (json_t *) material.value;
+    PELL_TRY(pell_json_string(&root, "export", &m->export));
     if (m->type == VIEWER_PROFILE && (!m->material || m->medium || m->export))
         PELL_TRY(pell_json_require(&root, "medium"));
     PELL_TRY(pell_json_int(&root, "gaussians", 1, PELL_GAUSSIANS_MAX, &gaussians));
     m->gaussians = (int) gaussians;
-    PELL_TRY(pell_json_string(&root, "export", &m->export));
     return PELL_OK;
 
 fail:
@@ -139,7 +139,7 @@ enum pell_result viewer_message_parse(struct pell_context *ctx, const void *data
     *out = NULL;
     if (!m)
         return PELL_ERR_NOMEM;
-    m->file = (struct pell_json_file) { .ctx = ctx, .path = PLACE };
+    m->file = (struct pell_json_file) { .ctx = ctx, .path = WHERE };
     res = read_message(m, data, size);
     if (res == PELL_OK)
         *out = m;

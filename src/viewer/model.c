@@ -3,6 +3,7 @@
 #include "viewer/model.h"
 
 #include "cli/cli.h"
+#include "math/scalar.h"
 #include "scene/scene.h"
 
 #include <math.h>
@@ -18,12 +19,12 @@ enum pell_result viewer_model_open(struct pell_context *ctx, struct pell_device 
     return PELL_OK;
 }
 
-static void finish_sight(struct viewer_sight *s)
+static void finish_view_key(struct viewer_view_key *s)
 {
     free(s->structure);
     free(s->camera);
     free(s->lights);
-    *s = (struct viewer_sight) { NULL };
+    *s = (struct viewer_view_key) { NULL };
 }
 
 void viewer_model_close(struct viewer_model *m)
@@ -36,7 +37,7 @@ void viewer_model_close(struct viewer_model *m)
     }
     pell_scene_destroy(&m->scene);
     viewer_document_close(&m->document);
-    finish_sight(&m->sight);
+    finish_view_key(&m->view_key);
     free(m->loaded_camera);
     free(m->metered);
     *m = (struct viewer_model) { .ctx = NULL };
@@ -114,15 +115,15 @@ static enum pell_result move(struct viewer_model *m, json_t *camera, json_t *lig
 }
 
 static enum pell_result load_or_move(struct viewer_model *m, const struct viewer_message *view, json_t *document,
-                                     const struct viewer_sight *new, bool exact)
+                                     const struct viewer_view_key *next, bool exact)
 {
-    const struct viewer_sight *old = &m->sight;
-    const bool back = (!view->camera && !same(old->camera, "null")) || (strcmp(new->lights, "null") == 0 && !same(old->lights, "null"));
+    const struct viewer_view_key *last = &m->view_key;
+    const bool back = (!view->camera && !same(last->camera, "null")) || (strcmp(next->lights, "null") == 0 && !same(last->lights, "null"));
     const bool grounded = exact && m->scene && m->scene->ground_mesh >= 0; /* the ground depends on the first camera */
     enum pell_result res = PELL_OK;
 
-    if (!m->scene || m->stale || !same(new->structure, old->structure) || back || (grounded && !same(new->camera, m->loaded_camera))) {
-        char *camera = strdup(new->camera);
+    if (!m->scene || m->stale || !same(next->structure, last->structure) || back || (grounded && !same(next->camera, m->loaded_camera))) {
+        char *camera = strdup(next->camera);
         if (!camera)
             return no_memory(m);
         res = load(m, view, document);
@@ -131,16 +132,16 @@ static enum pell_result load_or_move(struct viewer_model *m, const struct viewer
         free(camera);
         return res;
     }
-    if (same(new->camera, old->camera) && same(new->lights, old->lights))
+    if (same(next->camera, last->camera) && same(next->lights, last->lights))
         return PELL_OK;
     res = move(m, view->camera, lights_of(m, document, view));
     if (res != PELL_OK) { /* some lights may have been removed */
-        free(m->sight.structure);
-        m->sight.structure = NULL;
+        free(m->view_key.structure);
+        m->view_key.structure = NULL;
         return res;
     }
     for (int i = 0; i < VIEWER_SLOTS; i++)
-        if (m->slots[i].renderer && !same(new->lights, old->lights))
+        if (m->slots[i].renderer && !same(next->lights, last->lights))
             pell_renderer_lights_changed(m->slots[i].renderer);
     return PELL_OK;
 }
@@ -148,27 +149,27 @@ static enum pell_result load_or_move(struct viewer_model *m, const struct viewer
 enum pell_result viewer_model_apply(struct viewer_model *m, const struct viewer_message *view, bool exact)
 {
     json_t *document = viewer_document_merge(&m->document, view);
-    struct viewer_sight new = { NULL };
+    struct viewer_view_key next = { NULL };
     const uint64_t loads = m->loads;
     enum pell_result res;
 
     if (document) {
-        new.structure = viewer_document_structure(&m->document, view, document);
-        new.camera = text_of(view->camera);
-        new.lights = text_of(lights_of(m, document, view));
+        next.structure = viewer_document_structure(&m->document, view, document);
+        next.camera = text_of(view->camera);
+        next.lights = text_of(lights_of(m, document, view));
     }
-    res = new.structure &&new.camera &&new.lights ? load_or_move(m, view, document, &new, exact) : no_memory(m);
+    res = next.structure && next.camera && next.lights ? load_or_move(m, view, document, &next, exact) : no_memory(m);
     if (res == PELL_OK && loads != m->loads) { /* the types of its lights are known now */
-        free(new.structure);
-        new.structure = viewer_document_structure(&m->document, view, document);
+        free(next.structure);
+        next.structure = viewer_document_structure(&m->document, view, document);
     }
     if (res == PELL_OK) {
-        replace(&m->sight.structure, &new.structure);
-        replace(&m->sight.camera, &new.camera);
-        replace(&m->sight.lights, &new.lights);
+        replace(&m->view_key.structure, &next.structure);
+        replace(&m->view_key.camera, &next.camera);
+        replace(&m->view_key.lights, &next.lights);
     }
     json_decref(document);
-    finish_sight(&new);
+    finish_view_key(&next);
     return res;
 }
 
@@ -234,11 +235,6 @@ static enum pell_result read_settings(const struct viewer_model *m, enum viewer_
     return res;
 }
 
-static int least(int a, int b)
-{
-    return a < b ? a : b;
-}
-
 static void apply_quality(const struct viewer_quality *quality, struct pell_settings *s)
 {
     s->width = (int) fmax(16.0, round(quality->scale * s->width));
@@ -249,17 +245,17 @@ static void apply_quality(const struct viewer_quality *quality, struct pell_sett
         return;
     s->msaa = 1;
     s->dof = false;
-    s->light_samples = least(s->light_samples, 1);
-    s->ambient_samples = least(s->ambient_samples, 1);
-    s->environment_lights = least(s->environment_lights, 4);
-    s->indirect_samples = least(s->indirect_samples, 2048);
+    s->light_samples = SMALLER(s->light_samples, 1);
+    s->ambient_samples = SMALLER(s->ambient_samples, 1);
+    s->environment_lights = SMALLER(s->environment_lights, 4);
+    s->indirect_samples = SMALLER(s->indirect_samples, 2048);
 }
 
 /* Exposure and white are metered once for a scene and its lights, so that its images do not flicker, and methods can be compared. */
 static char *meter_text(const struct viewer_model *m, bool lights_moved)
 {
     /* Default lights count as unchanged if they are only listed because the camera has moved. */
-    const char *structure = m->sight.structure ? m->sight.structure : "", *lights = lights_moved ? m->sight.lights : "";
+    const char *structure = m->view_key.structure ? m->view_key.structure : "", *lights = lights_moved ? m->view_key.lights : "";
     const size_t size = strlen(structure) + strlen(lights) + 1;
     char *text = malloc(size);
 

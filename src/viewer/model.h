@@ -18,9 +18,9 @@ struct viewer_model {
     struct viewer_document document;
     struct pell_scene *scene;
     bool stale; /* the files have changed */
-    struct viewer_sight {
+    struct viewer_view_key {
         char *structure, *camera, *lights;
-    } sight;             /* the scene's structure, camera and lights as texts allocated by malloc; "null": unchanged */
+    } view_key;          /* the scene's structure, camera and lights as texts allocated by malloc; "null": unchanged */
     char *loaded_camera; /* the camera at loading */
     uint64_t loads;      /* number of times a scene was loaded */
     struct {

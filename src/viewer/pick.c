@@ -50,16 +50,16 @@ json_t *viewer_model_pick(const struct viewer_model *m, const struct viewer_mess
     struct pell_vec3 start, direction;
     struct pell_ray ray = { .tfar = INFINITY, .mask = PELL_RAY_CAMERA };
     struct pell_hit hit;
-    struct pell_view shown;
+    struct pell_view view;
     const struct pell_mesh *mesh;
     const struct pell_material *material;
     float at[3];
-    uint16_t number;
+    uint16_t index;
 
     if (!o || !services || !services->rays || width < 1)
         return o;
-    shown = pell_view_make(&m->scene->cameras[0], width, height, 0.0f, 0.0f);
-    pell_view_ray(&shown, (float) (pick->x * width) - 0.5f, (float) (pick->y * height) - 0.5f, &start, &direction);
+    view = pell_view_make(&m->scene->cameras[0], width, height, 0.0f, 0.0f);
+    pell_view_ray(&view, (float) (pick->x * width) - 0.5f, (float) (pick->y * height) - 0.5f, &start, &direction);
     vec3_store(start, ray.origin);
     vec3_store(direction, ray.direction);
     if (!pell_rays_closest(services->rays, &ray, &hit))
@@ -70,12 +70,12 @@ json_t *viewer_model_pick(const struct viewer_model *m, const struct viewer_mess
     json_object_set_new(o, "at", three(at));
     json_object_set_new(o, "depth_mm", json_real((double) hit.t));
     json_object_set_new(o, "width", json_integer(width));
-    json_object_set_new(o, "mm_per_pixel", json_real((double) ((shown.orthographic ? 1.0f : hit.t) / shown.focal_px)));
+    json_object_set_new(o, "mm_per_pixel", json_real((double) ((view.orthographic ? 1.0f : hit.t) / view.focal_px)));
     json_object_set_new(o, "object", cli_text(mesh->name ? mesh->name : ""));
     json_object_set_new(o, "material", cli_text(material->name ? material->name : ""));
     json_object_set_new(o, "preset", cli_text(material->preset ? material->preset : ""));
-    number = services->frame_index[mesh->material + 1];
-    if (number && services->materials[number - 1].profile)
-        json_object_set_new(o, "profile", profile_json(&services->materials[number - 1]));
+    index = services->frame_index[mesh->material + 1];
+    if (index && services->materials[index - 1].profile)
+        json_object_set_new(o, "profile", profile_json(&services->materials[index - 1]));
     return o;
 }

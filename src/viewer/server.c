@@ -35,7 +35,7 @@ struct server {
     lws_sorted_usec_list_t tick, settle;
     int pages;
     bool visited;
-    double alone; /* time since which no page has been open */
+    double empty_since; /* time since which no page has been open */
 };
 
 /* One page's connection. */
@@ -43,7 +43,6 @@ struct connection {
     uint64_t number; /* 0: refused */
     unsigned char *text;
     size_t length;
-    const char *goodbye;
 };
 
 /* One file being sent. */
@@ -159,17 +158,20 @@ static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user
 
 /* --- Pages ---------------------------------------------------------------------------------------------------------------------------- */
 
+static int close_for(struct lws *wsi, enum lws_close_status status, const char *why)
+{
+    lws_close_reason(wsi, status, (unsigned char *) (uintptr_t) why, strlen(why));
+    return -1;
+}
+
 static int open_page(struct lws *wsi, struct connection *c)
 {
     struct server *s = server_of(wsi);
     struct viewer_page *page = viewer_page_open(s->v);
 
     *c = (struct connection) { .number = page ? page->number : 0 };
-    if (!page) {
-        c->goodbye = "too many pages are open: close one, and this one connects";
-        lws_close_reason(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, (unsigned char *) (uintptr_t) c->goodbye, strlen(c->goodbye));
-        return -1;
-    }
+    if (!page)
+        return close_for(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, "too many pages are open: close one, and this one connects");
     s->pages++;
     s->visited = true;
     viewer_greet(s->v, c->number);
@@ -184,16 +186,10 @@ static void close_page(struct lws *wsi, struct connection *c)
     if (c->number) {
         viewer_page_close(s->v, c->number);
         s->pages--;
-        s->alone = pell_seconds();
+        s->empty_since = pell_seconds();
     }
     free(c->text);
     *c = (struct connection) { .number = 0 };
-}
-
-static int close_for(struct lws *wsi, enum lws_close_status status, const char *why)
-{
-    lws_close_reason(wsi, status, (unsigned char *) (uintptr_t) why, strlen(why));
-    return -1;
 }
 
 /* Collects the parts of a message. */
@@ -389,7 +385,7 @@ static void open_browser(const char *address)
         waitpid(child, NULL, 0);
 }
 
-static enum exit_code say(struct server *s)
+static enum exit_code print_address(struct server *s)
 {
     struct cli *cli = s->v->cli;
     const bool all = strcmp(s->params->address, "0.0.0.0") == 0;
@@ -469,9 +465,9 @@ enum exit_code viewer_serve(struct viewer *v, const struct viewer_server_params 
     pthread_mutex_unlock(&v->lock);
     watch(&s);
     on_tick(&s.tick);
-    code = say(&s);
+    code = print_address(&s);
     while (code == EXIT_OK && !pell_cancelled(v->cli->ctx) && lws_service(s.lws, 0) >= 0)
-        if (s.visited && s.pages == 0 && pell_seconds() - s.alone > ALONE_SECONDS)
+        if (s.visited && s.pages == 0 && pell_seconds() - s.empty_since > ALONE_SECONDS)
             break;
     pthread_mutex_lock(&v->lock);
     v->notify = NULL;

@@ -23,7 +23,7 @@ struct viewer_truth {
     uint64_t page;
     const struct viewer_message *view;
     struct viewer_setup setup; /* of the reference */
-    bool random;               /* it is rendered many times */
+    bool sampled;              /* it is rendered many times, with other random numbers each time */
     double scale;
     int width, height;
     size_t count;
@@ -46,8 +46,8 @@ enum pell_result viewer_truth_create(struct viewer *v, uint64_t page, const stru
         pell_free(v->ctx, t);
         return method ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
     }
-    *t = (struct viewer_truth) { .v = v, .page = page, .view = view, .random = method->partial, .setup = { .method = method->name } };
-    if (t->random && pell_knob_find(method->knobs, "samples"))
+    *t = (struct viewer_truth) { .v = v, .page = page, .view = view, .sampled = method->partial, .setup = { .method = method->name } };
+    if (t->sampled && pell_knob_find(method->knobs, "samples"))
         t->setup.knobs[t->setup.num_knobs++] = (struct pell_setting) { "samples", "4", "truth" };
     *out = t;
     return PELL_OK;
@@ -82,22 +82,22 @@ bool viewer_truth_done(const struct viewer_truth *t)
 static enum pell_result allocate(struct viewer_truth *t, const struct pell_render_result *image)
 {
     struct pell_context *ctx = t->v->ctx;
-    bool there = true;
+    bool allocated = true;
 
     t->width = image->width;
     t->height = image->height;
     t->count = (size_t) t->width * (size_t) t->height;
     for (int c = 0; c < 3; c++) {
-        there = there && (t->test[0][c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
-        there = there && (t->test[1][c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
-        there = there && (t->mean[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
-        there = there && (t->variance[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
-        there = there && (t->display[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
-        there = there && (t->sum[c] = pell_calloc(ctx, t->count, sizeof(double))) != NULL;
-        there = there && (t->squares[c] = pell_calloc(ctx, t->count, sizeof(double))) != NULL;
+        allocated = allocated && (t->test[0][c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        allocated = allocated && (t->test[1][c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        allocated = allocated && (t->mean[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        allocated = allocated && (t->variance[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        allocated = allocated && (t->display[c] = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+        allocated = allocated && (t->sum[c] = pell_calloc(ctx, t->count, sizeof(double))) != NULL;
+        allocated = allocated && (t->squares[c] = pell_calloc(ctx, t->count, sizeof(double))) != NULL;
     }
-    there = there && (t->mask = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
-    return there ? PELL_OK : PELL_ERR_NOMEM;
+    allocated = allocated && (t->mask = pell_calloc(ctx, t->count, sizeof(float))) != NULL;
+    return allocated ? PELL_OK : PELL_ERR_NOMEM;
 }
 
 static void copy_plane(const struct viewer_truth *t, const float *from, ptrdiff_t stride, float *to)
@@ -117,7 +117,7 @@ static enum pell_result draw_test(struct viewer_truth *t, struct viewer_model *m
     enum pell_result res;
 
     if (t->tests == 0) {
-        int64_t width = 1280, height = 720;
+        int64_t width, height;
         pell_settings_default(NULL, NULL, &full);
         width = full.width;
         height = full.height;
@@ -182,7 +182,7 @@ static enum pell_result draw_reference(struct viewer_truth *t, struct viewer_mod
         }
     }
     t->noise = t->batches > 1 && light > 0.0 ? sqrt(error / light) : 0.0;
-    t->done = !t->random || t->batches >= BATCHES_MOST || (t->batches >= 8 && t->noise < NOISE_ENOUGH);
+    t->done = !t->sampled || t->batches >= BATCHES_MOST || (t->batches >= 8 && t->noise < NOISE_ENOUGH);
     return PELL_OK;
 
 fail:
@@ -191,16 +191,12 @@ fail:
 
 /* --- Messages to the page ----------------------------------------------------------------------------------------------------------- */
 
-static json_t *finite(double x)
-{
-    return isfinite(x) ? json_real(x) : json_null();
-}
-
 static json_t *metrics_json(const struct pell_metrics *x)
 {
-    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "rel_mse", finite(x->rel_mse), "rel_mse_error", finite(x->rel_mse_error),
-                     "mse", finite(x->mse), "mae", finite(x->mae), "ssim", finite(x->ssim), "flip", finite(x->flip), "flip_hdr",
-                     finite(x->flip_hdr), "bias", cli_numbers(x->rel_bias, 3), "bias_error", cli_numbers(x->rel_bias_error, 3), "resolved",
+    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "rel_mse", compare_number(x->rel_mse), "rel_mse_error",
+                     compare_number(x->rel_mse_error), "mse", compare_number(x->mse), "mae", compare_number(x->mae), "ssim",
+                     compare_number(x->ssim), "flip", compare_number(x->flip), "flip_hdr", compare_number(x->flip_hdr), "bias",
+                     cli_numbers(x->rel_bias, 3), "bias_error", cli_numbers(x->rel_bias_error, 3), "resolved",
                      json_boolean(pell_metric_resolved(x->rel_mse, x->rel_mse_error)));
 }
 
@@ -267,7 +263,7 @@ static enum pell_result report(struct viewer_truth *t, struct viewer_model *m)
 {
     json_t *o =
         json_pack("{s:s,s:I,s:s,s:i,s:f,s:b,s:b,s:i,s:i}", "type", "truth", "id", (json_int_t) t->view->id, "method", t->setup.method,
-                  "batches", t->batches, "noise", t->noise, "random", t->random, "done", t->done, "width", t->width, "height", t->height);
+                  "batches", t->batches, "noise", t->noise, "random", t->sampled, "done", t->done, "width", t->width, "height", t->height);
     enum pell_result res;
 
     viewer_tone(&t->settings, (const float *const *) t->mean, t->display, t->count);
@@ -357,7 +353,7 @@ enum pell_result viewer_truth_report(struct viewer_truth *t, struct viewer_model
         PELL_TRY(report_test(t, m, i, report, views, images));
     data = json_pack("{s:s,s:o,s:s,s:O,s:O,s:[],s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(cli->arguments[0])),
                      "command", cli->command_line, "views", views, "pictures", images, "warnings", "display", 0, "rel_noise",
-                     t->random ? finite(t->noise) : json_null());
+                     t->sampled ? compare_number(t->noise) : json_null());
     res = data ? report_page(report, data, &page, size) : PELL_ERR_NOMEM;
     *file = (uint8_t *) page;
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * viewer.h - state shared by the server (the main thread) and the render thread. All members below the lock are guarded by it.
+ * viewer.h - state shared by the server (the main thread) and the render thread. The members below the lock are guarded by it, but for the
+ * last two.
  *
  *     page --view--> server --newest view of each page--> worker --images, messages--> server --> page --ack--> server
  *

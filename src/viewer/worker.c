@@ -28,14 +28,14 @@ struct pane {
     double seconds; /* time of one, smoothed */
     char *setup;    /* methods for which `scale` was measured */
     struct viewer_truth *truth;
-    uint64_t knows; /* model.loads of the scene whose facts the page has received */
+    uint64_t announced_loads; /* model.loads of the scene whose facts the page has received */
 };
 
 struct viewer_worker {
     struct viewer *v;
     struct viewer_model model;
     struct pane panes[VIEWER_PAGES];
-    uint64_t turn; /* the page served last */
+    uint64_t last_served; /* index of the page whose view or task was done last */
     pthread_t thread;
     bool started;
 };
@@ -202,13 +202,13 @@ static enum pell_result draw_moving(struct viewer_worker *w, struct pane *p)
 /* Sends the facts of a loaded scene to the page. */
 static void announce(struct viewer_worker *w, struct pane *p)
 {
-    if (p->knows == w->model.loads)
+    if (p->announced_loads == w->model.loads)
         return;
-    p->knows = w->model.loads;
+    p->announced_loads = w->model.loads;
     viewer_send(w->v, p->number, viewer_model_facts(&w->model), -1, NULL, 0);
 }
 
-static void failed(struct viewer_worker *w, struct pane *p, enum pell_result res)
+static void report_failure(struct viewer_worker *w, struct pane *p, enum pell_result res)
 {
     if (res == PELL_ERR_CANCELLED)
         return;
@@ -230,7 +230,7 @@ static void take_view(struct viewer_worker *w, struct pane *p, struct viewer_mes
     if (res == PELL_OK)
         res = draw_moving(w, p);
     if (res != PELL_OK)
-        failed(w, p, res);
+        report_failure(w, p, res);
 }
 
 /* Whether an image with one multisample is much faster than the final one. */
@@ -279,7 +279,7 @@ static void refine(struct viewer_worker *w, struct pane *p)
     if (res == PELL_OK && p->step == STEP_DONE)
         viewer_send(w->v, p->number, json_pack("{s:s,s:I}", "type", "rest", "id", (json_int_t) p->view->id), -1, NULL, 0);
     if (res != PELL_OK)
-        failed(w, p, res);
+        report_failure(w, p, res);
 }
 
 /* Makes a file of the last view, allocated by malloc; errors are logged. */
@@ -388,7 +388,7 @@ static struct job choose_job(struct viewer_worker *w)
     struct job refine_job = { NULL };
 
     for (int k = 1; k <= VIEWER_PAGES; k++) {
-        const int i = (int) ((w->turn + (uint64_t) k) % VIEWER_PAGES);
+        const int i = (int) ((w->last_served + (uint64_t) k) % VIEWER_PAGES);
         struct viewer_page *page = &v->pages[i];
         struct pane *p = pane_of(w, i);
         struct job job = { .pane = p };
@@ -407,7 +407,7 @@ static struct job choose_job(struct viewer_worker *w)
                 refine_job = job;
             continue;
         }
-        w->turn = (uint64_t) i;
+        w->last_served = (uint64_t) i;
         return job;
     }
     return refine_job;
