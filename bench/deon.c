@@ -97,22 +97,14 @@ fail:
 /* Waves as high as a fiftieth of the mesh, which moves with `phase`. `rest`: the undeformed vertices. */
 static void wave(struct pell_scene *scene, const float *rest, double phase)
 {
-    const float high = 0.02f * (scene->bounds_max[1] - scene->bounds_min[1]);
+    const float amplitude = 0.02f * (scene->bounds_max[1] - scene->bounds_min[1]);
     struct pell_mesh *m = &scene->meshes[0];
 
     for (size_t i = 0; i < (size_t) m->num_vertices; i++) {
         const float *p = rest + 3 * i;
-        m->position[3 * i] = p[0] + high * sinf((float) phase + 0.1f * p[1] / high);
-        m->position[3 * i + 1] = p[1] + 0.3f * high * cosf((float) phase + 0.15f * p[0] / high);
+        m->position[3 * i] = p[0] + amplitude * sinf((float) phase + 0.1f * p[1] / amplitude);
+        m->position[3 * i + 1] = p[1] + 0.3f * amplitude * cosf((float) phase + 0.15f * p[0] / amplitude);
     }
-}
-
-static double stage_ms(const struct pell_render_result *p, const char *name)
-{
-    for (size_t i = 0; i < p->num_stages; i++)
-        if (strcmp(p->stages[i].name, name) == 0)
-            return p->stages[i].ms;
-    return 0.0;
 }
 
 /* Frames of a deforming mesh, under one light with its translucent shadow map: all data of the method are recomputed in each, except the
@@ -139,10 +131,10 @@ static enum pell_result deform(struct bench *b)
         PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
         if (i < 0) {
-            once = stage_ms(&p, "layout");
+            once = bench_stage_ms(&p, "layout");
             continue;
         }
-        layout[i] = stage_ms(&p, "layout");
+        layout[i] = bench_stage_ms(&p, "layout");
         own[i] = bench_own_ms(&p);
     }
     snprintf(name, sizeof(name), "low, deforming, %u triangles, layout once", scene->meshes[0].num_triangles);

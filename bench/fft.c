@@ -26,7 +26,7 @@ static double seconds(void)
     return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 
-static int by_size(const void *a, const void *b)
+static int by_value(const void *a, const void *b)
 {
     const double x = *(const double *) a, y = *(const double *) b;
     return (x > y) - (x < y);
@@ -103,9 +103,9 @@ static void run(struct ours *o)
     }
     for (int i = 0; i < 2; i++)
         for (int b = 0; b < o->width / 32 + 1; b++) {
-            float *column = o->half[i] + b * o->block, *there, *back;
-            there = pell_fft_run(&o->column, false, column, o->buffer[0]);
-            back = pell_fft_run(&o->column, true, there, there == column ? o->buffer[0] : column);
+            float *column = o->half[i] + b * o->block, *spectrum, *back;
+            spectrum = pell_fft_run(&o->column, false, column, o->buffer[0]);
+            back = pell_fft_run(&o->column, true, spectrum, spectrum == column ? o->buffer[0] : column);
             if (back != column)
                 memcpy(column, back, (size_t) o->block * sizeof(float));
         }
@@ -120,8 +120,8 @@ static void compare(int width, int height, unsigned flags)
     const size_t n = (size_t) width * (size_t) height;
     float *image = fftwf_malloc(n * sizeof(float)), *back = fftwf_malloc(n * sizeof(float));
     fftwf_complex *half = fftwf_malloc(((size_t) width / 2 + 1) * (size_t) height * sizeof(*half));
-    fftwf_plan there = fftwf_plan_dft_r2c_2d(height, width, image, half, flags | FFTW_DESTROY_INPUT);
-    fftwf_plan home = fftwf_plan_dft_c2r_2d(height, width, half, back, flags | FFTW_DESTROY_INPUT);
+    fftwf_plan forward = fftwf_plan_dft_r2c_2d(height, width, image, half, flags | FFTW_DESTROY_INPUT);
+    fftwf_plan inverse = fftwf_plan_dft_c2r_2d(height, width, half, back, flags | FFTW_DESTROY_INPUT);
     double ours[ROUNDS], theirs[ROUNDS], worst = 0.0;
     struct ours o;
 
@@ -134,8 +134,8 @@ static void compare(int width, int height, unsigned flags)
         for (size_t k = 0; k < n; k++)
             image[k] = o.image[0][k / (size_t) width * ((size_t) (width + 15) / 16 * 16) + k % (size_t) width];
         from = seconds();
-        fftwf_execute(there);
-        fftwf_execute(home);
+        fftwf_execute(forward);
+        fftwf_execute(inverse);
         if (i >= 0)
             theirs[i] = seconds() - from;
     }
@@ -144,13 +144,13 @@ static void compare(int width, int height, unsigned flags)
             const double a = (double) o.back[0][y * ((width + 15) / 16 * 16) + x];
             worst = fmax(worst, fabs(a - (double) back[y * width + x]) / (double) n);
         }
-    qsort(ours, ROUNDS, sizeof(double), by_size);
-    qsort(theirs, ROUNDS, sizeof(double), by_size);
+    qsort(ours, ROUNDS, sizeof(double), by_value);
+    qsort(theirs, ROUNDS, sizeof(double), by_value);
     printf("%5d x %4d %10.2f %10.2f %8.2f %12.1e\n", width, height, 1e3 * ours[ROUNDS / 2], 1e3 * theirs[ROUNDS / 2],
            ours[ROUNDS / 2] / theirs[ROUNDS / 2], worst);
     finish(&o);
-    fftwf_destroy_plan(there);
-    fftwf_destroy_plan(home);
+    fftwf_destroy_plan(forward);
+    fftwf_destroy_plan(inverse);
     fftwf_free(image);
     fftwf_free(back);
     fftwf_free(half);

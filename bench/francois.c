@@ -149,7 +149,7 @@ enum pell_result bench_francois(struct bench *b)
         r->against = "one light";
     }
     scene->num_lights = all;
-    PELL_TRY(bench_beside(b, "-gecko", run_gecko)); /* the fish's scene is closed */
+    PELL_TRY(bench_run_sibling(b, "-gecko", run_gecko)); /* the fish's scene is closed */
     add_memory(b);
     return PELL_OK;
 

@@ -5,14 +5,6 @@
 
 #include <string.h>
 
-static double stage_ms(const struct pell_render_result *image, const char *name)
-{
-    for (size_t i = 0; i < image->num_stages; i++)
-        if (strcmp(image->stages[i].name, name) == 0)
-            return image->stages[i].ms;
-    return 0.0;
-}
-
 /* Medians of a stage over repeated frames, each after a call of `change`; NULL: no change. */
 static enum pell_result measure(struct bench *b, const char *stage, void (*change)(struct pell_settings *s), double *ms)
 {
@@ -25,7 +17,7 @@ static enum pell_result measure(struct bench *b, const char *stage, void (*chang
         if (change)
             change(&b->s.settings);
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
-        values[i] = stage_ms(&p, stage);
+        values[i] = bench_stage_ms(&p, stage);
     }
     *ms = bench_median(values, repeats);
     return PELL_OK;

@@ -17,16 +17,16 @@
 #define MANY 8      /* samples per pixel */
 #define REPEATS 3   /* frames, at most */
 #define LEAVES 200
-#define CROWN 330.0f        /* mm: its radius */
-#define AWAY 2340.0f        /* mm: from the camera to its middle */
-#define AROUND 3.883222077f /* rad from a leaf to the next: 2 pi (golden ratio - 1) */
+#define CROWN_RADIUS 330.0f       /* mm */
+#define CROWN_DISTANCE 2340.0f    /* mm, from the camera to its middle */
+#define GOLDEN_ANGLE 3.883222077f /* rad from a leaf to the next: 2 pi (golden ratio - 1) */
 
 enum visibility { IN_SIGHT, HIDDEN, ASIDE };
 
 struct crowd {
     const char *name;
     int heads, lights;
-    float distance; /* of NEAR */
+    float distance; /* in multiples of NEAR */
     enum visibility visibility;
 };
 
@@ -172,7 +172,8 @@ static void set_up(struct bench *b)
  * coordinate arrays. */
 static bool attach_leaf(struct pell_mesh *leaf, const struct pell_mesh *first, int i)
 {
-    const float height = 1.0f - (2.0f * (float) i + 1.0f) / LEAVES, around = AROUND * (float) i, across = sqrtf(1.0f - height * height);
+    const float height = 1.0f - (2.0f * (float) i + 1.0f) / LEAVES, around = GOLDEN_ANGLE * (float) i,
+                across = sqrtf(1.0f - height * height);
     const float out[3] = { across * cosf(around), height, across * sinf(around) }, side[3] = { -sinf(around), 0.0f, cosf(around) };
     const float along[3] = { out[1] * side[2], out[2] * side[0] - out[0] * side[2], -out[1] * side[0] }; /* out x side */
 
@@ -185,7 +186,7 @@ static bool attach_leaf(struct pell_mesh *leaf, const struct pell_mesh *first, i
     for (size_t v = 0; v < first->num_vertices; v++) {
         const float *p = first->position + 3 * v, *n = first->normal + 3 * v;
         for (int c = 0; c < 3; c++) { /* x is the leaf's length, z its upper side */
-            leaf->position[3 * v + c] = CROWN * out[c] + p[0] * along[c] - p[1] * side[c] + p[2] * out[c];
+            leaf->position[3 * v + c] = CROWN_RADIUS * out[c] + p[0] * along[c] - p[1] * side[c] + p[2] * out[c];
             leaf->normal[3 * v + c] = n[0] * along[c] - n[1] * side[c] + n[2] * out[c];
         }
     }
@@ -218,9 +219,9 @@ static enum pell_result run_leaves(struct bench *b)
     s->meshes = leaves;
     s->num_meshes = LEAVES;
     camera->position[0] = 0.0f;
-    camera->position[2] = AWAY;
+    camera->position[2] = CROWN_DISTANCE;
     for (int c = 0; c < 3; c++) {
-        s->bounds_max[c] = CROWN + whole.bounds_max[0]; /* x is a leaf's length, the largest of it */
+        s->bounds_max[c] = CROWN_RADIUS + whole.bounds_max[0]; /* x is a leaf's length, the largest of it */
         s->bounds_min[c] = -s->bounds_max[c];
     }
     PELL_TRY(pell_renderer_set_scene(b->s.renderer, s));
@@ -272,7 +273,7 @@ enum pell_result bench_jimenez(struct bench *b)
         return PELL_ERR_INVALID;
     set_up(b);
     PELL_TRY(run_crowds(b, &busts, 1, 1));
-    res = bench_beside(b, "-leaves", run_leaves);
+    res = bench_run_sibling(b, "-leaves", run_leaves);
 
 fail:
     return res;

@@ -48,16 +48,16 @@ static enum pell_result filled(struct bench *b)
     static const double radii[] = { 0.25, 1.0, 4.0 };
     const float fov = b->s.scene->cameras[0].fov;
     size_t at[PELL_COUNT(radii)];
-    double ms[PELL_COUNT(radii)], now = 1.0;
+    double ms[PELL_COUNT(radii)], radius = 1.0;
     enum pell_result res;
 
     b->s.scene->cameras[0].fov = fov * FILLING;
     for (size_t i = 0; i < PELL_COUNT(radii); i++) {
         const struct bench_run run = { "image-space", "samples=16 sampling=combined", .stages = i == 1 };
         char name[64];
-        PELL_TRY(bench_stretch(b, radii[i] / now));
-        now = radii[i];
-        snprintf(name, sizeof(name), "filled, 16 samples, radius x %g", now);
+        PELL_TRY(bench_stretch(b, radii[i] / radius));
+        radius = radii[i];
+        snprintf(name, sizeof(name), "filled, 16 samples, radius x %g", radius);
         PELL_TRY(measure(b, 500, name, &run, 16, &ms[i]));
         at[i] = b->rows.count - 1;
         b->rows.items[at[i]].error = (double) NAN; /* it is another image */
@@ -67,7 +67,7 @@ static enum pell_result filled(struct bench *b)
         b->rows.items[at[i]].against = "radius x 1";
     }
     b->s.scene->cameras[0].fov = fov;
-    return bench_stretch(b, 1.0 / now);
+    return bench_stretch(b, 1.0 / radius);
 
 fail:
     return res;
@@ -78,7 +78,7 @@ enum pell_result bench_mertens(struct bench *b)
     static const struct bench_run views = { "image-space", "samples=64 views=eye+lights", false, false };
     static const struct bench_run screen = { "screen-space", "", false, false },
                                   coarse = { "hierarchical", "points=" COARSE, false, false };
-    double ms[2][2], quick, whole;
+    double ms[2][2], screen_ms, hierarchical_ms, ignored_ms;
     struct row *r;
     int equal;
     enum pell_result res;
@@ -95,13 +95,13 @@ enum pell_result bench_mertens(struct bench *b)
         r->ratio = (ms[0][1] - ms[0][0]) / 48.0 / (ms[0][0] / 16.0);
         r->against = "a 16th of 16 samples";
     }
-    PELL_TRY(measure(b, 500, "500 x 500, 64 samples, eye+lights", &views, 128, &quick));
-    PELL_TRY(measure(b, 500, "screen-space, 500 x 500", &screen, 0, &quick));
-    PELL_TRY(measure(b, 500, "hierarchical, points=" COARSE, &coarse, 0, &whole));
-    equal = (int) fmin(fmax(16.0 * quick / ms[0][0], 1.0), 64.0);
-    PELL_TRY(image_space(b, 500, equal, &quick));
-    equal = (int) fmin(fmax(64.0 * whole / ms[0][1], 1.0), 1024.0);
-    PELL_TRY(image_space(b, 500, equal, &whole));
+    PELL_TRY(measure(b, 500, "500 x 500, 64 samples, eye+lights", &views, 128, &ignored_ms));
+    PELL_TRY(measure(b, 500, "screen-space, 500 x 500", &screen, 0, &screen_ms));
+    PELL_TRY(measure(b, 500, "hierarchical, points=" COARSE, &coarse, 0, &hierarchical_ms));
+    equal = (int) fmin(fmax(16.0 * screen_ms / ms[0][0], 1.0), 64.0);
+    PELL_TRY(image_space(b, 500, equal, &ignored_ms));
+    equal = (int) fmin(fmax(64.0 * hierarchical_ms / ms[0][1], 1.0), 1024.0);
+    PELL_TRY(image_space(b, 500, equal, &ignored_ms));
     return filled(b);
 
 fail:

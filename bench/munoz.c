@@ -30,9 +30,9 @@ static enum pell_result measure(struct bench *b, const char *name, const char *k
 
     PELL_TRY(bench_measure(b, name, &run, &r));
     if (r.row) {
-        r.row->pixels = r.seen;
+        r.row->pixels = r.visible;
         if (moving)
-            snprintf(r.row->name, sizeof(r.row->name), "%s, filled %.0f %%", name, 100.0 * (double) r.seen / size);
+            snprintf(r.row->name, sizeof(r.row->name), "%s, filled %.0f %%", name, 100.0 * (double) r.visible / size);
     }
 
 fail:
@@ -134,7 +134,7 @@ static enum pell_result fill(struct bench *b)
     static const char *const values[] = { "1", "1/2", "1/4" };
     static const double radii[] = { 0.25, 1.0, 4.0 };
     const struct pell_camera camera = b->s.scene->cameras[0];
-    double now = 1.0, plain = 0.0;
+    double radius = 1.0, base_ms = 0.0;
     char name[64], knobs[64];
     size_t first;
     enum pell_result res;
@@ -148,18 +148,18 @@ static enum pell_result fill(struct bench *b)
     PELL_TRY(measure(b, "4 planes, resolution 1/2, behind-step 2", "planes=4 resolution=1/2 behind-step=2", true, true));
     first = b->rows.count;
     for (size_t i = 0; i < PELL_COUNT(radii); i++) {
-        PELL_TRY(bench_stretch(b, radii[i] / now));
-        now = radii[i];
-        snprintf(name, sizeof(name), "radius x %g", now);
+        PELL_TRY(bench_stretch(b, radii[i] / radius));
+        radius = radii[i];
+        snprintf(name, sizeof(name), "radius x %g", radius);
         PELL_TRY(measure(b, name, "planes=4 resolution=1", false, true));
-        plain = i == 1 ? b->rows.items[b->rows.count - 1].ms : plain;
+        base_ms = i == 1 ? b->rows.items[b->rows.count - 1].ms : base_ms;
     }
     for (size_t i = first; i < b->rows.count; i++) {
-        b->rows.items[i].ratio = plain > 0.0 ? b->rows.items[i].ms / plain : 0.0;
+        b->rows.items[i].ratio = base_ms > 0.0 ? b->rows.items[i].ms / base_ms : 0.0;
         b->rows.items[i].against = "radius x 1";
     }
     b->s.scene->cameras[0] = camera;
-    return bench_stretch(b, 1.0 / now);
+    return bench_stretch(b, 1.0 / radius);
 
 fail:
     return res;

@@ -26,7 +26,7 @@ enum exit_code bench_open(struct bench *b, const char *material)
     return code;
 }
 
-enum pell_result bench_beside(struct bench *b, const char *suffix, enum pell_result (*run)(struct bench *b))
+enum pell_result bench_run_sibling(struct bench *b, const char *suffix, enum pell_result (*run)(struct bench *b))
 {
     const char *const own = b->path;
     char path[4096];
@@ -83,6 +83,14 @@ bool bench_is_common(const char *stage)
         if (strcmp(stage, names[i]) == 0)
             return true;
     return false;
+}
+
+double bench_stage_ms(const struct pell_render_result *image, const char *stage)
+{
+    for (size_t i = 0; i < image->num_stages; i++)
+        if (strcmp(image->stages[i].name, stage) == 0)
+            return image->stages[i].ms;
+    return 0.0;
 }
 
 double bench_own_ms(const struct pell_render_result *p)
@@ -188,7 +196,7 @@ enum pell_result bench_measure(struct bench *b, const char *name, const struct b
         const double median = bench_median(times + k * (size_t) b->repeats, b->repeats);
         char text[96];
         if (strcmp(t->name, "surface") == 0)
-            found.seen = t->pixels;
+            found.visible = t->pixels;
         frame += median;
         if (bench_is_common(t->name))
             continue;

@@ -24,14 +24,16 @@ struct bench {
 enum exit_code bench_open(struct bench *b, const char *material);
 void bench_close(struct bench *b);
 /* Opens the scene NAME`suffix`.json in the folder of the bench's own, which is closed, and runs that. */
-enum pell_result bench_beside(struct bench *b, const char *suffix, enum pell_result (*run)(struct bench *b));
+enum pell_result bench_run_sibling(struct bench *b, const char *suffix, enum pell_result (*run)(struct bench *b));
 /* A method with its knobs as "name=value name=value", all others at their defaults. */
 enum pell_result bench_choose(struct bench *b, const char *method, const char *knobs);
 /* Multiplies the mean free paths of every material by `factor`. */
 enum pell_result bench_stretch(struct bench *b, double factor);
 /* Stages that all methods have in common. */
 bool bench_is_common(const char *stage);
-/* The sum of the others, ms. */
+/* The time of a stage; 0: the image has none of this name. */
+double bench_stage_ms(const struct pell_render_result *image, const char *stage);
+/* The sum of the stages that are not common, ms. */
 double bench_own_ms(const struct pell_render_result *image);
 
 /* What is timed: a method, knobs as for bench_choose; whether its stages get rows of their own; whether the camera moves from frame to
@@ -42,9 +44,9 @@ struct bench_run {
 };
 
 struct bench_result {
-    double once_ms;       /* "prepare" of the first frame */
-    int64_t seen, pixels; /* of the surface stage; the maximum over the method's own stages */
-    struct row *row;      /* the sum of the method's own stages, medians over warm frames, and its error; NULL: no room */
+    double once_ms;          /* "prepare" of the first frame */
+    int64_t visible, pixels; /* of the surface stage; the maximum over the method's own stages */
+    struct row *row;         /* the sum of the method's own stages, medians over warm frames, and its error; NULL: no room */
 };
 
 /* One cold frame and `repeats` warm ones; adds the row `name`, after those of the stages. `result` may be NULL. */

@@ -151,14 +151,14 @@ static enum pell_result time_solver(const struct pell_context *ctx, const struct
 static double distance(const struct pell_profile *R, const struct pell_profile *M)
 {
     const double low = pell_profile_sample(M, 1e-3), high = 10.0 * pell_profile_sample(M, 0.9999);
-    double above = 0.0, below = 0.0;
+    double numerator = 0.0, denominator = 0.0;
 
     for (int i = 0; i <= RADII; i++) {
         const double r = low * pow(high / low, (double) i / RADII), m = pell_profile_eval(M, r), d = pell_profile_eval(R, r) - m;
-        above += r * r * d * d;
-        below += r * r * m * m;
+        numerator += r * r * d * d;
+        denominator += r * r * m * m;
     }
-    return sqrt(above / below);
+    return sqrt(numerator / denominator);
 }
 
 static enum pell_result time_layers(struct profiles *b)

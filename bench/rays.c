@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * rays.c - the surface stage's overhead over bare Embree: the same rays in the same packets through Embree alone, through src/rays, and
- * through the whole stage, without and with maps, in one run.
+ * rays.c - the surface stage's overhead over bare Embree: the same rays in the same packets through Embree alone, through src/visibility,
+ * and through the whole stage, without and with maps, in one run.
  *
  *     bench_rays [--mesh FILE --size MM] [--threads N] [--texture N]
  *

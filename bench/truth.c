@@ -122,7 +122,7 @@ static struct row *add(struct truths *b, const char *name, double ms, int64_t ra
 /* --- Diffusion ----------------------------------------------------------------------------------------------------------------------- */
 
 /* One pass created and used, then used again: the difference is the cost of its creation. */
-static enum pell_result twice(struct truths *b, const char *method, const char *knobs, double *made, struct shot *shot)
+static enum pell_result twice(struct truths *b, const char *method, const char *knobs, double *creation_ms, struct shot *shot)
 {
     struct shot first = { 0 };
     enum pell_result res = bench_choose(b->bench, method, knobs);
@@ -131,7 +131,7 @@ static enum pell_result twice(struct truths *b, const char *method, const char *
         res = shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, &first);
     if (res == PELL_OK)
         res = shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, shot);
-    *made = fmax(first.ms - shot->ms, 0.0);
+    *creation_ms = fmax(first.ms - shot->ms, 0.0);
     drop(&first);
     return res;
 }
@@ -157,12 +157,12 @@ static enum pell_result hierarchical(struct truths *b, double *total)
                                          "density=64 error=0.02" }; /* ten times longer */
     enum { STEPS = PELL_COUNT(steps) };
     struct shot shot[STEPS] = { { 0 } };
-    double made[STEPS];
+    double creation_ms[STEPS];
     int found = STEPS - 1;
     enum pell_result res = PELL_OK;
 
     for (int k = 0; k < STEPS && res == PELL_OK; k++)
-        res = twice(b, "hierarchical", steps[k], &made[k], &shot[k]);
+        res = twice(b, "hierarchical", steps[k], &creation_ms[k], &shot[k]);
     for (int k = STEPS - 2; k >= 0 && res == PELL_OK; k--)
         if (error_against(&shot[k], &shot[STEPS - 1]) <= GOAL)
             found = k;
@@ -171,9 +171,9 @@ static enum pell_result hierarchical(struct truths *b, double *total)
         for (int part = 0; part < 2; part++) {
             struct row *r;
             snprintf(name, sizeof(name), "hierarchical %s, %.*s", part ? "query" : "build", (int) strcspn(steps[k], " "), steps[k]);
-            r = add(b, name, part ? shot[k].ms : made[k], 0);
+            r = add(b, name, part ? shot[k].ms : creation_ms[k], 0);
             if (k > 0) {
-                const double before = part ? shot[k - 1].ms : made[k - 1];
+                const double before = part ? shot[k - 1].ms : creation_ms[k - 1];
                 r->ratio = before > 0.0 ? r->ms / before : 0.0;
                 r->against = k < STEPS - 1 ? "a quarter of the samples" : "a tenth of the samples";
             }
@@ -182,9 +182,9 @@ static enum pell_result hierarchical(struct truths *b, double *total)
         }
     }
     if (res == PELL_OK) {
-        struct row *r = add(b, "hierarchical at 1 % error", *total = made[found] + shot[found].ms, 0);
+        struct row *r = add(b, "hierarchical at 1 % error", *total = creation_ms[found] + shot[found].ms, 0);
         r->error = found < STEPS - 1 ? error_against(&shot[found], &shot[STEPS - 1]) : (double) NAN;
-        r->ratio = (made[STEPS - 1] + shot[STEPS - 1].ms) / *total;
+        r->ratio = (creation_ms[STEPS - 1] + shot[STEPS - 1].ms) / *total;
         r->against = "shorter than what it is judged by";
     }
     for (int k = 0; k < STEPS; k++)
@@ -229,14 +229,15 @@ fail:
 /* --- Paths -------------------------------------------------------------------------------------------------------------------------- */
 
 struct noise {
-    double made_ms, frame_ms, variance, square;
+    double creation_ms, frame_ms, variance;
+    double product; /* of two images of independent noise, summed: the expected square of the light */
     int64_t rays;
 };
 
 static int by_work(const void *a, const void *b)
 {
     const struct noise *x = a, *y = b;
-    const double p = x->frame_ms * x->variance / x->square, q = y->frame_ms * y->variance / y->square;
+    const double p = x->frame_ms * x->variance / x->product, q = y->frame_ms * y->variance / y->product;
     return (p > q) - (p < q);
 }
 
@@ -253,13 +254,13 @@ static enum pell_result noise_once(struct truths *b, const char *knobs, int64_t 
         res = shoot(b, 2 * seed, b->bench->s.settings.width, b->bench->s.settings.height, &shot);
     if (res == PELL_OK)
         res = shoot(b, 2 * seed + 1, b->bench->s.settings.width, b->bench->s.settings.height, &other);
-    n->made_ms = fmax(first.ms - shot.ms, 0.0);
+    n->creation_ms = fmax(first.ms - shot.ms, 0.0);
     n->frame_ms = shot.ms;
     n->rays = shot.rays;
     for (size_t i = 0; res == PELL_OK && i < shot.size; i++) {
         const double difference = shot.light[i] - other.light[i];
         n->variance += 0.5 * difference * difference;
-        n->square += shot.light[i] * other.light[i];
+        n->product += shot.light[i] * other.light[i];
     }
     drop(&first);
     drop(&shot);
@@ -295,10 +296,10 @@ static enum pell_result paths(struct truths *b, const char *material, bool frame
     PELL_TRY(noise_of(b, ours, &n[0]));
     PELL_TRY(noise_of(b, brute, &n[1]));
     snprintf(name, sizeof(name), "path-trace scene, %s", material);
-    add(b, name, n[0].made_ms, 0);
+    add(b, name, n[0].creation_ms, 0);
     for (int k = 0; k < 2; k++) {
         struct row *r;
-        const double relative = n[k].variance / n[0].square; /* both show the same light, and ours has less noise */
+        const double relative = n[k].variance / n[0].product; /* both show the same light, and ours has less noise */
         work[k] = 1e-3 * n[k].frame_ms * relative;
         snprintf(name, sizeof(name), "%s, %s", k ? "brute force" : "path-trace", material);
         r = add(b, name, n[k].frame_ms, n[k].rays);
@@ -366,7 +367,7 @@ fail:
 
 /* --- The bench ----------------------------------------------------------------------------------------------------------------------- */
 
-/* Replaces the material of the scene. EXIT_OK, or the error that was reported. */
+/* Replaces the material of the scene. PELL_OK, or the error that was reported. */
 static enum pell_result reopen(struct truths *b, const char *material)
 {
     static const enum pell_result results[] = { [EXIT_MEMORY] = PELL_ERR_NOMEM, [EXIT_INTERRUPTED] = PELL_ERR_CANCELLED };

@@ -16,7 +16,7 @@ static void require(bool holds)
         abort();
 }
 
-/* The parameter structs of the commands, by the options that they accept. */
+/* Commands with the groups of options that the program's own accept. */
 static const struct command commands[] = {
     { "render", "INPUT", "", "", "", OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_PARTS | OPTIONS_ENGINE, 1, 1,
       NULL },
