@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // bench.js - the profile bench: R(r) and T of the edited medium, its fit, what they look like, and the same as code.
 import * as connection from './connection.js';
-import { el } from './knobs.js';
-import { crossSection } from './layers.js';
+import { download, el } from './knobs.js';
+import { crossSection, encode } from './layers.js';
 import { plot } from './plot.js';
 
 const LANGUAGES = [
@@ -21,13 +21,6 @@ let gaussians = 4;
 let asking = 0;
 
 const short = (list) => list.map((x) => (x === null ? '–' : Number(x.toPrecision(3)))).join(', ');
-const encode = (x) => Math.round(255 * Math.min(1, Math.max(0, x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055)));
-
-function save(file, name) {
-    const link = el('a', { href: URL.createObjectURL(file), download: name });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-}
 
 const question = () => {
     const given = medium();
@@ -109,7 +102,7 @@ function exporting() {
                       id: 'profile-save',
                       onclick: () => {
                           const text = `${JSON.stringify(question().medium, null, 2)}\n`;
-                          save(new Blob([text], { type: 'application/json' }), 'material.json');
+                          download(new Blob([text], { type: 'application/json' }), 'material.json');
                       },
                   },
                   'material.json',
@@ -196,5 +189,5 @@ export function set(given) {
 
 export function saveCode(language, file) {
     const row = LANGUAGES.find(([id]) => id === language);
-    if (row) save(file, `material.${row[2]}`);
+    if (row) download(file, `material.${row[2]}`);
 }

@@ -54,7 +54,7 @@ export function turned(c, angle) {
 }
 
 // Projects a point to the image, in fractions of its size, and back to rays. `aspect`: width over height.
-export function sight(aspect) {
+export function projection(aspect) {
     const c = state.camera ?? file;
     const forward = unit(sub(c.to, c.from));
     const right = unit(cross(forward, c.up));

@@ -55,19 +55,19 @@ export const isNewest = (id) => id === newest;
 
 export const acknowledge = (serial) => send({ type: 'ack', serial });
 
-// At most one view per refresh of the display.
-export function view(state, moving) {
-    pending = { state, moving };
+// At most one view per refresh of the display; `makeState` returns the newest state then.
+export function view(makeState, moving) {
+    pending = { makeState, moving };
     newest = 0;
     if (scheduled) return;
     scheduled = true;
     requestAnimationFrame(() => {
         scheduled = false;
-        const { state: said, moving: more } = pending;
+        const next = pending;
         const id = ++ids;
         newest = id;
         sentAt.set(id, performance.now());
-        send({ type: 'view', id, moving: more, state: said() });
+        send({ type: 'view', id, moving: next.moving, state: next.makeState() });
     });
 }
 

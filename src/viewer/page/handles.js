@@ -14,10 +14,10 @@ const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 const unit = (a) => a.map((x) => x / (Math.hypot(...a) || 1));
 
 function place(node, index) {
-    const sight = camera.sight(canvas.width / canvas.height);
+    const view = camera.projection(canvas.width / canvas.height);
     const direction = lights.direction(index);
-    const [x, y] = sight.project(camera.middle().map((m, i) => m + radius() * direction[i]));
-    const back = dot(direction, sight.toward(camera.middle())) < 0;
+    const [x, y] = view.project(camera.middle().map((m, i) => m + radius() * direction[i]));
+    const back = dot(direction, view.toward(camera.middle())) < 0;
     node.style.left = `${(100 * Math.max(0.02, Math.min(0.98, x))).toFixed(2)}%`;
     node.style.top = `${(100 * Math.max(0.03, Math.min(0.97, y))).toFixed(2)}%`;
     node.classList.toggle('back', back);
@@ -27,8 +27,8 @@ function place(node, index) {
 // The direction from the centre of the object to the point of the sphere under the pointer; outside its rim the nearest point of it.
 function aimed(event, drag) {
     const box = canvas.getBoundingClientRect();
-    const sight = camera.sight(canvas.width / canvas.height);
-    const ray = sight.ray((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
+    const view = camera.projection(canvas.width / canvas.height);
+    const ray = view.ray((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
     const to = ray.from.map((x, i) => x - camera.middle()[i]);
     const along = dot(to, ray.along);
     const near = to.map((x, i) => x - along * ray.along[i]); // where the ray is closest to the centre

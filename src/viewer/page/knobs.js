@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// knobs.js - controls from rows of tables: name, unit, type, range, default, help. The rows come from the program.
+// knobs.js - elements of the page, and controls from rows of tables: name, unit, type, range, default, help. The rows come from the
+// program.
 
 export function el(tag, attributes = {}, ...children) {
     const node = document.createElement(tag);
@@ -10,6 +11,12 @@ export function el(tag, attributes = {}, ...children) {
     }
     node.append(...children.filter((c) => c !== null && c !== undefined));
     return node;
+}
+
+export function download(file, name) {
+    const link = el('a', { href: URL.createObjectURL(file), download: name });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
 let numbers = 0;

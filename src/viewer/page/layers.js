@@ -3,7 +3,8 @@
 import { el } from './knobs.js';
 import { node } from './plot.js';
 
-const encode = (x) => Math.round(255 * Math.min(1, Math.max(0, x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055)));
+// The sRGB byte of linear light.
+export const encode = (x) => Math.round(255 * Math.min(1, Math.max(0, x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055)));
 
 // Reflectance of a half-space of the layer: Jensen and Buhler 2002, equation 15, for an index of refraction of 1.4.
 function reflected(absorption, scattering) {

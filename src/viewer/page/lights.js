@@ -2,7 +2,7 @@
 // lights.js - every light as a point on a sphere round the object: azimuth and elevation to drag, distance, size, power, colour.
 import { extent, middle } from './camera.js';
 import { el } from './knobs.js';
-import { changed, mm, state } from './state.js';
+import { changed, length, mm, state } from './state.js';
 
 let file = [];
 let box = null;
@@ -11,7 +11,6 @@ let chosen = 0;
 const powers = { point: 'intensity', spot: 'intensity', directional: 'irradiance', rect: 'radiance', disc: 'radiance' };
 const lights = () => state.lights ?? file;
 const three = (p) => (Array.isArray(p) ? p : [p, p, p]);
-const length = (x) => `${Number(x.toPrecision(9))}mm`;
 
 // Azimuth from +z to +x, elevation and distance, relative to the centre of the object.
 function polar(light) {

@@ -5,7 +5,7 @@ import * as camera from './camera.js';
 import * as connection from './connection.js';
 import * as film from './film.js';
 import * as handles from './handles.js';
-import { controls, el } from './knobs.js';
+import { controls, download, el } from './knobs.js';
 import * as lights from './lights.js';
 import * as materials from './materials.js';
 import * as stage from './stage.js';
@@ -385,12 +385,6 @@ function picked(p) {
 }
 
 // --- Files ------------------------------------------------------------------------------------------------------------------------
-
-function download(file, name) {
-    const link = el('a', { href: URL.createObjectURL(file), download: name });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-}
 
 const stem = () => hello.input.replace(/\.[^.]*$/, '');
 const quote = (text) => (/^[\w./:=,+@%-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);

@@ -2,7 +2,7 @@
 // materials.js - the built-in materials as swatches, and editing of coefficients.
 import * as bench from './bench.js';
 import { el } from './knobs.js';
-import { crossSection, skinEditor } from './layers.js';
+import { crossSection, encode, skinEditor } from './layers.js';
 import { changed, state } from './state.js';
 
 let all = [];
@@ -10,7 +10,6 @@ let facts = null;
 let target = '*';
 let box = null;
 
-const encode = (x) => Math.round(255 * Math.min(1, Math.max(0, x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055)));
 const colorOf = (m) => m.diffuse_reflectance ?? m.color;
 // 1/mm: decay rate of light in the medium; for published Gaussians, from the widest.
 function decay(m) {

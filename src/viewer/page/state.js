@@ -89,8 +89,8 @@ export function begin(given) {
     const found = /^#view=([\w=-]+)$/.exec(location.hash);
     if (found) {
         try {
-            const said = JSON.parse(decode(found[1]));
-            for (const key of Object.keys(base)) if (Object.hasOwn(said, key)) state[key] = said[key];
+            const saved = JSON.parse(decode(found[1]));
+            for (const key of Object.keys(base)) if (Object.hasOwn(saved, key)) state[key] = saved[key];
         } catch {
             console.info('the address holds no view');
         }
@@ -101,7 +101,7 @@ export function begin(given) {
 }
 
 export const mm = (text) => (typeof text === 'number' ? text : parseFloat(text));
-const length = (x) => `${Number(x.toPrecision(9))}mm`;
+export const length = (x) => `${Number(x.toPrecision(9))}mm`;
 
 function cameraMessage(c) {
     const out = { from: c.from.map(length), to: c.to.map(length), up: c.up };

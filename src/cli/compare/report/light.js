@@ -99,10 +99,10 @@ function undo(out, step) {
 const light = (id) =>
   once(id, (raw) =>
     [0, 1, 2].map((c) => {
-      const all = WIDTH * HEIGHT,
-        high = 2 * c * all,
-        low = high + all;
-      return undo(new Uint16Array(all), (i) => (raw[high + i] << 8) | raw[low + i]);
+      const pixels = WIDTH * HEIGHT,
+        high = 2 * c * pixels,
+        low = high + pixels;
+      return undo(new Uint16Array(pixels), (i) => (raw[high + i] << 8) | raw[low + i]);
     }),
   );
 const map = (id) => once(id, (raw) => undo(new Uint8Array(WIDTH * HEIGHT), (i) => raw[i]));

@@ -59,8 +59,8 @@ async function prepareMap(view, planes) {
     b = against(),
     left = pictures[state.left],
     id = mode === 'flip' ? flipOf(left, b) : null;
-  const of = [mode, state.view, state.left, pictures.indexOf(b)].join();
-  if (error.of !== of) {
+  const compared = [mode, state.view, state.left, pictures.indexOf(b)].join();
+  if (error.compared !== compared) {
     error.mask = view.mask ? await map(view.mask) : null;
     error.values = new Float32Array(WIDTH * HEIGHT);
     if (mode === 'signed') for (let i = 0; i < error.values.length; i++) error.values[i] = relative(view, planes[0], planes[1], i);
@@ -68,11 +68,11 @@ async function prepareMap(view, planes) {
       (await map(id)).forEach((v, i) => {
         error.values[i] = v / 255;
       });
-    error.of = of;
+    error.compared = compared;
     error.auto = choose(error.values, error.mask, RANGES[mode]);
   }
   const range = state.range[mode] || error.auto,
-    key = of + range;
+    key = compared + range;
   if (error.key !== key) {
     image(error.canvas, (out) =>
       mode === 'signed'
