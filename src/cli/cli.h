@@ -280,6 +280,8 @@ void cli_row(FILE *file, const char *head, int column, const char *text);
 bool cli_reader_left(void);
 /* From here on warnings are kept for the answer, and printed only if an error replaces the answer. */
 void cli_collect(struct cli *cli);
+/* Numbers as JSON; null where they are not finite. */
+json_t *cli_number(double value);
 json_t *cli_numbers(const double *values, size_t count);
 /* A JSON text from bytes of a file or the command line; invalid UTF-8 is replaced, so that the result is never NULL because of it. */
 json_t *cli_text(const char *text);

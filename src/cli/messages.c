@@ -429,11 +429,16 @@ void cli_print_json_error(struct cli *cli, enum exit_code code)
                                   "what", cli->error.what, "hint", cli->error.hint));
 }
 
+json_t *cli_number(double value)
+{
+    return isfinite(value) ? json_real(value) : json_null();
+}
+
 json_t *cli_numbers(const double *values, size_t count)
 {
     json_t *array = json_array();
     for (size_t i = 0; i < count; i++)
-        json_array_append_new(array, isfinite(values[i]) ? json_real(values[i]) : json_null());
+        json_array_append_new(array, cli_number(values[i]));
     return array;
 }
 

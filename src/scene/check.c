@@ -167,8 +167,8 @@ static double longest_mean_free_path(const struct pell_scene *scene, const struc
 
 static enum pell_result report_object(struct check *k, const struct pell_topology *t, const struct pell_object_report *o)
 {
-    const struct pell_material *thinnest;
-    const double mfp = longest_mean_free_path(k->scene, t, &thinnest), size = o->thickness_mm > 0.0 ? o->thickness_mm : t->scale;
+    const struct pell_material *clearest;
+    const double mfp = longest_mean_free_path(k->scene, t, &clearest), size = o->thickness_mm > 0.0 ? o->thickness_mm : t->scale;
     struct pell_text text;
     const char *where = describe_subject("object", o->name, &text);
     bool translucent = false;
@@ -206,7 +206,7 @@ static enum pell_result report_object(struct check *k, const struct pell_topolog
             add(k, THIN, PELL_SEVERITY_WARNING, where,
                 "light goes %.3g mm in \"%s\" between two scattering events, but the object is %.3g mm %s: diffusion does not hold; is "
                 "the size right?",
-                mfp, thinnest->name, size, o->thickness_mm > 0.0 ? "thick on average" : "large"));
+                mfp, clearest->name, size, o->thickness_mm > 0.0 ? "thick on average" : "large"));
     return PELL_OK;
 
 fail:

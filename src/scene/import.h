@@ -60,6 +60,12 @@ PELL_NODISCARD enum pell_result pell_texture_sampler(struct pell_scene *scene, s
 /* A map without a texture: identity matrix, UV set 0, channel 0. */
 struct pell_texture_map pell_texture_map_none(void);
 
+/* Four bytes of a file, the lowest first, as a number. */
+static inline uint32_t pell_load_little_endian(const uint8_t *b)
+{
+    return (uint32_t) b[0] | (uint32_t) b[1] << 8 | (uint32_t) b[2] << 16 | (uint32_t) b[3] << 24;
+}
+
 /* The matrix with its 3x3 part scaled to a largest element of 1, so that cofactors and lengths stay in the range of floats. */
 static inline struct pell_mat4 pell_mat4_scaled_to_one(const struct pell_mat4 *matrix)
 {

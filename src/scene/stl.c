@@ -20,14 +20,9 @@ struct stl {
     size_t num_slots;
 };
 
-static uint32_t little(const uint8_t *b)
-{
-    return (uint32_t) b[0] | (uint32_t) b[1] << 8 | (uint32_t) b[2] << 16 | (uint32_t) b[3] << 24;
-}
-
 bool pell_stl_is_binary(const uint8_t *data, size_t size)
 {
-    return size >= HEADER && (size - HEADER) / RECORD == little(data + HEADER - 4) && (size - HEADER) % RECORD == 0;
+    return size >= HEADER && (size - HEADER) / RECORD == pell_load_little_endian(data + HEADER - 4) && (size - HEADER) % RECORD == 0;
 }
 
 /* --- Vertices ------------------------------------------------------------------------------------------------------------------- */
@@ -130,7 +125,7 @@ static enum pell_result read_binary(struct stl *s, const uint8_t *data, size_t s
         for (size_t k = 1; k < 4; k++) {
             float p[3];
             for (size_t c = 0; c < 3; c++) {
-                const uint32_t bits = little(record + 12 * k + 4 * c);
+                const uint32_t bits = pell_load_little_endian(record + 12 * k + 4 * c);
                 memcpy(&p[c], &bits, sizeof(bits));
             }
             if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
@@ -228,18 +223,19 @@ static bool is_text(const uint8_t *data, size_t size)
 enum pell_result pell_import_stl(struct pell_import *import, const uint8_t *data, size_t size)
 {
     struct stl s = { .import = import, .ctx = import->ctx };
-    const unsigned long long named = size < HEADER ? 0 : (unsigned long long) little(data + HEADER - 4) * RECORD + HEADER;
+    const unsigned long long named = size < HEADER ? 0 : (unsigned long long) pell_load_little_endian(data + HEADER - 4) * RECORD + HEADER;
     enum pell_result res;
 
     import->default_mm_per_unit = 0.0;
     if (!pell_stl_is_binary(data, size) && !is_text(data, size))
-        res = size < HEADER ? pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off",
-                                         "is no STL: it has %s, and does not begin with \"solid\"",
-                                         pell_counted((long long) size, "byte", "bytes").str)
-                            : pell_error(s.ctx, PELL_ERR_FORMAT, import->path,
-                                         size < named ? "the file may be cut off" : "what is behind them is no triangle",
-                                         "names %s, for %llu bytes, but has %zu bytes",
-                                         pell_counted(little(data + HEADER - 4), "triangle", "triangles").str, named, size);
+        res =
+            size < HEADER
+                ? pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off",
+                             "is no STL: it has %s, and does not begin with \"solid\"", pell_counted((long long) size, "byte", "bytes").str)
+                : pell_error(s.ctx, PELL_ERR_FORMAT, import->path,
+                             size < named ? "the file may be cut off" : "what is behind them is no triangle",
+                             "names %s, for %llu bytes, but has %zu bytes",
+                             pell_counted(pell_load_little_endian(data + HEADER - 4), "triangle", "triangles").str, named, size);
     else
         res = pell_stl_is_binary(data, size) ? read_binary(&s, data, size) : read_text(&s, data, size);
     if (res == PELL_OK)

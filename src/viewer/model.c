@@ -350,10 +350,10 @@ static json_t *layers_json(const struct pell_material *m)
 
     for (int i = 0; i < m->num_layers; i++) {
         const struct pell_scene_layer *l = &m->layers[i];
-        json_array_append_new(layers, json_pack("{s:o,s:o,s:b,s:o,s:o}", "name", cli_text(l->name ? l->name : ""), "depth_mm",
-                                                isfinite(l->depth) ? json_real((double) l->depth) : json_null(), "mapped",
-                                                l->depth_map.texture != NULL, "sigma_a", cli_numbers(l->medium.sigma_a, 3),
-                                                "sigma_s_reduced", cli_numbers(l->medium.sigma_s_reduced, 3)));
+        json_array_append_new(layers,
+                              json_pack("{s:o,s:o,s:b,s:o,s:o}", "name", cli_text(l->name ? l->name : ""), "depth_mm",
+                                        cli_number((double) l->depth), "mapped", l->depth_map.texture != NULL, "sigma_a",
+                                        cli_numbers(l->medium.sigma_a, 3), "sigma_s_reduced", cli_numbers(l->medium.sigma_s_reduced, 3)));
     }
     return layers;
 }

@@ -32,7 +32,7 @@ static json_t *profile_json(const struct pell_frame_material *m)
         json_t *values = json_array();
         for (size_t i = 0; i < RADII; i++) {
             const double v = pell_profile_eval(&m->profile[c], json_real_value(json_array_get(radii, i)));
-            json_array_append_new(values, isfinite(v) ? json_real(v) : json_null());
+            json_array_append_new(values, cli_number(v));
         }
         json_array_append_new(channels, values);
         json_array_append_new(totals, json_real(pell_profile_total(&m->profile[c])));

@@ -16,11 +16,6 @@
 #define THICKNESSES 33
 #define TAPS 25 /* size of the separable kernel in exported code: --taps of `pellucid profile` */
 
-static json_t *finite(double x)
-{
-    return isfinite(x) ? json_real(x) : json_null();
-}
-
 /* Radii spaced uniformly in log r that hold 99.9 % of the light of the widest channel. */
 static void choose_radii(const struct pell_profile *p, double r[RADII])
 {
@@ -40,7 +35,7 @@ static json_t *values_json(const struct pell_profile *p, const double r[RADII])
     for (int c = 0; c < 3; c++) {
         json_t *values = json_array();
         for (int i = 0; i < RADII; i++)
-            json_array_append_new(values, finite(pell_profile_eval(&p[c], r[i])));
+            json_array_append_new(values, cli_number(pell_profile_eval(&p[c], r[i])));
         json_array_append_new(channels, values);
     }
     return channels;
@@ -65,12 +60,12 @@ static json_t *fit_json(const struct pell_profile *p, int count, const double r[
         json_t *variance = json_array(), *weight = json_array(), *values = json_array();
         const bool there = pell_fit_profile(&p[c], &params, &g, NULL) == PELL_OK;
         for (int i = 0; i < g.count; i++) {
-            json_array_append_new(variance, finite(g.variance[i]));
-            json_array_append_new(weight, finite(g.weight[i][0]));
+            json_array_append_new(variance, cli_number(g.variance[i]));
+            json_array_append_new(weight, cli_number(g.weight[i][0]));
         }
         for (int i = 0; i < RADII; i++)
-            json_array_append_new(values, finite(there ? pell_gaussians_eval(&g, 0, r[i]) : (double) NAN));
-        json_array_append_new(errors, finite(there ? pell_gaussians_error(&g, 0, &p[c], 0.0) : (double) NAN));
+            json_array_append_new(values, cli_number(there ? pell_gaussians_eval(&g, 0, r[i]) : (double) NAN));
+        json_array_append_new(errors, cli_number(there ? pell_gaussians_error(&g, 0, &p[c], 0.0) : (double) NAN));
         json_array_append_new(variances, variance);
         json_array_append_new(weights, weight);
         json_array_append_new(channels, values);
@@ -120,7 +115,7 @@ static json_t *slab_json(const struct pell_medium *medium)
         json_t *values = json_array();
         for (int i = 0; i < THICKNESSES; i++) {
             const struct pell_slab_light light = pell_slab_at(&slab[c], thickness[i]);
-            json_array_append_new(values, finite(light.transmitted + light.straight));
+            json_array_append_new(values, cli_number(light.transmitted + light.straight));
         }
         json_array_append_new(channels, values);
     }
@@ -144,7 +139,7 @@ static json_t *stack_json(const struct pell_material_layers *layers)
     for (int i = 0; i < layers->count; i++) {
         const struct pell_material_layer *l = &layers->item[i];
         json_array_append_new(list,
-                              json_pack("{s:s,s:o,s:o,s:o}", "name", l->name, "thickness_mm", finite(l->thickness_mm), "sigma_a",
+                              json_pack("{s:s,s:o,s:o,s:o}", "name", l->name, "thickness_mm", cli_number(l->thickness_mm), "sigma_a",
                                         cli_numbers(l->medium.sigma_a, 3), "sigma_s_reduced", cli_numbers(l->medium.sigma_s_reduced, 3)));
     }
     return list;

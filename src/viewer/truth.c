@@ -193,11 +193,10 @@ fail:
 
 static json_t *metrics_json(const struct pell_metrics *x)
 {
-    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "rel_mse", compare_number(x->rel_mse), "rel_mse_error",
-                     compare_number(x->rel_mse_error), "mse", compare_number(x->mse), "mae", compare_number(x->mae), "ssim",
-                     compare_number(x->ssim), "flip", compare_number(x->flip), "flip_hdr", compare_number(x->flip_hdr), "bias",
-                     cli_numbers(x->rel_bias, 3), "bias_error", cli_numbers(x->rel_bias_error, 3), "resolved",
-                     json_boolean(pell_metric_resolved(x->rel_mse, x->rel_mse_error)));
+    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "rel_mse", cli_number(x->rel_mse), "rel_mse_error",
+                     cli_number(x->rel_mse_error), "mse", cli_number(x->mse), "mae", cli_number(x->mae), "ssim", cli_number(x->ssim),
+                     "flip", cli_number(x->flip), "flip_hdr", cli_number(x->flip_hdr), "bias", cli_numbers(x->rel_bias, 3), "bias_error",
+                     cli_numbers(x->rel_bias_error, 3), "resolved", json_boolean(pell_metric_resolved(x->rel_mse, x->rel_mse_error)));
 }
 
 static enum pell_result send_planes(struct viewer_truth *t, enum viewer_image_kind kind, bool encoded)
@@ -353,7 +352,7 @@ enum pell_result viewer_truth_report(struct viewer_truth *t, struct viewer_model
         PELL_TRY(report_test(t, m, i, report, views, images));
     data = json_pack("{s:s,s:o,s:s,s:O,s:O,s:[],s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(cli->arguments[0])),
                      "command", cli->command_line, "views", views, "pictures", images, "warnings", "display", 0, "rel_noise",
-                     t->sampled ? compare_number(t->noise) : json_null());
+                     t->sampled ? cli_number(t->noise) : json_null());
     res = data ? report_page(report, data, &page, size) : PELL_ERR_NOMEM;
     *file = (uint8_t *) page;
 

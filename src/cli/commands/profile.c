@@ -336,17 +336,12 @@ static json_t *fit_json(const struct profile_fit *fit, int c)
     return json_pack("{s:i,s:f,s:o}", "k", fit->sum[c].count, "error", fit->error[c], "gaussians", gaussians);
 }
 
-static json_t *number_or_null(double value)
-{
-    return isfinite(value) ? json_real(value) : json_null();
-}
-
 static json_t *channel_json(const struct profile_job *job, int c)
 {
     const double dmfp = job->has_medium ? pell_diffuse_mean_free_path(&job->medium, c) : (double) NAN;
     json_t *o =
         json_pack("{s:s,s:f,s:o,s:o,s:o}", "channel", job->names[c], "rd_total", pell_profile_total(&job->profile->R[c]), "sigma_tr",
-                  number_or_null(1.0 / dmfp), "r_mm", cli_numbers(job->r, job->count), "R", values_json(job, &job->profile->R[c]));
+                  cli_number(1.0 / dmfp), "r_mm", cli_numbers(job->r, job->count), "R", values_json(job, &job->profile->R[c]));
 
     if (o && job->slab) {
         json_object_set_new(o, "td_total", json_real(pell_profile_total(&job->profile->T[c])));
@@ -370,7 +365,7 @@ static json_t *other_json(const struct profile_job *job, const struct candidate 
     for (int c = 0; c < 3; c++)
         json_array_append_new(channels,
                               json_pack("{s:s,s:f,s:o,s:o}", "channel", job->names[c], "rd_total", pell_profile_total(&other->R[c]),
-                                        "distance", number_or_null(profile_distance(&other->R[c], &profile_reference(job)->R[c])), "R",
+                                        "distance", cli_number(profile_distance(&other->R[c], &profile_reference(job)->R[c])), "R",
                                         values_json(job, &other->R[c])));
     return json_pack("{s:s,s:o}", "model", other->name, "channels", channels);
 }
@@ -388,7 +383,7 @@ static enum exit_code answer_json(struct cli *cli, const struct profile_job *job
     for (size_t i = 0; i <= job->num_others; i++)
         json_array_append_new(others, other_json(job, i ? &job->others[i - 1] : job->profile));
     o = json_pack("{s:o,s:s,s:o,s:o,s:o,s:o}", "material", cli_text(job->name), "model", job->model, "eta",
-                  number_or_null(job->has_medium ? job->medium.eta : (double) NAN), "mean_free_path", cli_numbers(mfp, 3),
+                  cli_number(job->has_medium ? job->medium.eta : (double) NAN), "mean_free_path", cli_numbers(mfp, 3),
                   "diffuse_mean_free_path", cli_numbers(dmfp, 3), "channels", channels);
     if (o && job->num_others) {
         json_object_set_new(o, "reference", json_string(profile_reference(job)->name));

@@ -55,14 +55,9 @@ enum pell_result compare_run(struct cli *cli, const char *test, const char *refe
 
 /* --- JSON --------------------------------------------------------------------------------------------------------------------- */
 
-json_t *compare_number(double v)
-{
-    return isfinite(v) ? json_real(v) : json_null();
-}
-
 static json_t *mse_json(double mse, double error)
 {
-    return pell_metric_resolved(mse, error) ? compare_number(mse) : json_null();
+    return pell_metric_resolved(mse, error) ? cli_number(mse) : json_null();
 }
 
 /* The metrics that noise hides, with their estimates: null where nothing is hidden. */
@@ -80,11 +75,11 @@ static json_t *not_resolved(const struct pell_metrics *m)
     else
         snprintf(reason, sizeof(reason), "noise %.2g %% exceeds the error; 4 times the samples resolve errors over %.2g %%", 100.0 * least,
                  50.0 * least);
-    o = json_pack("{s:s,s:o}", "reason", reason, "least_error", compare_number(least));
+    o = json_pack("{s:s,s:o}", "reason", reason, "least_error", cli_number(least));
     if (!mse)
-        json_object_set_new(o, "mse", compare_number(m->mse));
+        json_object_set_new(o, "mse", cli_number(m->mse));
     if (!rel_mse)
-        json_object_set_new(o, "rel_mse", compare_number(m->rel_mse));
+        json_object_set_new(o, "rel_mse", cli_number(m->rel_mse));
     return o;
 }
 
@@ -99,20 +94,20 @@ static json_t *agreement_json(const struct pell_agreement *a)
 {
     if (!isfinite(a->p))
         return json_null();
-    return json_pack("{s:b,s:f,s:o,s:I,s:I}", "agrees", (int) (a->p >= COMPARE_LIKELY), "p", a->p, "beyond_3", compare_number(a->beyond_3),
+    return json_pack("{s:b,s:f,s:o,s:I,s:I}", "agrees", (int) (a->p >= COMPARE_LIKELY), "p", a->p, "beyond_3", cli_number(a->beyond_3),
                      "pixels", (json_int_t) a->pixels, "blocks", (json_int_t) a->blocks);
 }
 
 json_t *compare_metrics(const struct pell_metrics *m, bool display)
 {
-    json_t *o = json_pack("{s:I,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "pixels", (json_int_t) m->pixels, "mse",
-                          mse_json(m->mse, m->mse_error), "rel_mse", mse_json(m->rel_mse, m->rel_mse_error), "mae", compare_number(m->mae),
-                          "bias", cli_numbers(m->bias, 3), "rel_bias", cli_numbers(m->rel_bias, 3), "ssim", compare_number(m->ssim),
-                          "ssim_rgb", cli_numbers(m->ssim_rgb, 3), "flip", compare_number(m->flip), "flip_hdr",
-                          display ? json_null() : compare_number(m->flip_hdr), "noise_mse", compare_number(m->noise_mse), "noise_rel_mse",
-                          compare_number(m->noise_rel_mse));
+    json_t *o =
+        json_pack("{s:I,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "pixels", (json_int_t) m->pixels, "mse",
+                  mse_json(m->mse, m->mse_error), "rel_mse", mse_json(m->rel_mse, m->rel_mse_error), "mae", cli_number(m->mae), "bias",
+                  cli_numbers(m->bias, 3), "rel_bias", cli_numbers(m->rel_bias, 3), "ssim", cli_number(m->ssim), "ssim_rgb",
+                  cli_numbers(m->ssim_rgb, 3), "flip", cli_number(m->flip), "flip_hdr", display ? json_null() : cli_number(m->flip_hdr),
+                  "noise_mse", cli_number(m->noise_mse), "noise_rel_mse", cli_number(m->noise_rel_mse));
     json_t *noise =
-        json_pack("{s:o,s:o,s:o,s:o,s:o,s:o}", "mse_error", compare_number(m->mse_error), "rel_mse_error", compare_number(m->rel_mse_error),
+        json_pack("{s:o,s:o,s:o,s:o,s:o,s:o}", "mse_error", cli_number(m->mse_error), "rel_mse_error", cli_number(m->rel_mse_error),
                   "bias_error", cli_numbers(m->bias_error, 3), "rel_bias_error", cli_numbers(m->rel_bias_error, 3), "not_resolved",
                   not_resolved(m), "agreement", agreement_json(&m->agreement));
 
@@ -124,7 +119,7 @@ json_t *compare_metrics(const struct pell_metrics *m, bool display)
 json_t *compare_part(const struct pell_metrics *m)
 {
     return json_pack("{s:o,s:o,s:o,s:o}", "rel_mse", mse_json(m->rel_mse, m->rel_mse_error), "rel_bias", cli_numbers(m->rel_bias, 3),
-                     "rel_mse_error", compare_number(m->rel_mse_error), "rel_bias_error", cli_numbers(m->rel_bias_error, 3));
+                     "rel_mse_error", cli_number(m->rel_mse_error), "rel_bias_error", cli_numbers(m->rel_bias_error, 3));
 }
 
 void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display)
@@ -137,8 +132,8 @@ void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display)
 
 void compare_add_shown(json_t *to, const struct pell_comparison *r, bool display)
 {
-    json_object_set_new(to, "exposure", compare_number((double) r->exposure));
-    json_object_set_new(to, "white", compare_number((double) r->white));
+    json_object_set_new(to, "exposure", cli_number((double) r->exposure));
+    json_object_set_new(to, "white", cli_number((double) r->white));
     json_object_set_new(to, "hdr_exposures",
                         display ? json_null()
                                 : json_pack("{s:f,s:f,s:i,s:b}", "start", r->hdr_start, "stop", r->hdr_stop, "count", r->hdr_exposures,

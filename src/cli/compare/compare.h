@@ -85,8 +85,7 @@ json_t *compare_metrics(const struct pell_metrics *m, bool display);
 json_t *compare_part(const struct pell_metrics *m);
 /* Adds the numbers of `m` to `to`. */
 void compare_add_metrics(json_t *to, const struct pell_metrics *m, bool display);
-json_t *compare_number(double v); /* null where it is not finite */
-#define COMPARE_LIKELY 0.01       /* p of the Z-test; below it the images differ by more than noise */
+#define COMPARE_LIKELY 0.01 /* p of the Z-test; below it the images differ by more than noise */
 /* Why noise hides the "rel_mse" of these metrics, in words; NULL: it is resolved. */
 const char *compare_unresolved(const json_t *metrics);
 /* Adds how the reference is displayed: "exposure", "white", "hdr_exposures" (null for display images). */

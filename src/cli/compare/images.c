@@ -80,7 +80,7 @@ static json_t *answer_json(struct cli *cli, const struct task *t)
     json_object_set_new(method, "bad_pixels", json_integer(r->bad_test));
     json_object_set_new(method, "whole", compare_metrics(whole_of(t), display));
     reference = json_pack("{s:o,s:o,s:I}", "name", cli_text(t->s.reference.path), "rel_noise",
-                          noise ? compare_number(sqrt(r->masked.noise_rel_mse)) : json_null(), "bad_pixels", (json_int_t) r->bad_reference);
+                          noise ? cli_number(sqrt(r->masked.noise_rel_mse)) : json_null(), "bad_pixels", (json_int_t) r->bad_reference);
     o = json_pack("{s:o,s:[o],s:i,s:i,s:o,s:o,s:f,s:f,s:f,s:O}", "reference", reference, "methods", method, "width", r->width, "height",
                   r->height, "layer", cli_text(t->s.layer), "mask", has_mask(t) ? cli_text(t->s.mask_name) : json_null(), "ppd",
                   (double) t->params.ppd, "floor", (double) t->params.floor, "seconds", r->seconds + t->whole.seconds, "warnings",
@@ -267,7 +267,7 @@ static enum pell_result write_report(struct cli *cli, const struct task *t, stru
     data =
         json_pack("{s:s,s:o,s:s,s:O,s:[O,O],s:O,s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(t->s.test.path)), "command",
                   cli->command_line, "views", views, "pictures", reference, test, "warnings", cli->warnings, "display", (int) display,
-                  "rel_noise", sources_know_noise(&t->s) ? compare_number(sqrt(t->result.masked.noise_rel_mse)) : json_null());
+                  "rel_noise", sources_know_noise(&t->s) ? cli_number(sqrt(t->result.masked.noise_rel_mse)) : json_null());
     if (!data || !(path = folder_file(f, "report.html"))) {
         res = data ? PELL_ERR_INVALID : PELL_ERR_NOMEM;
         goto fail;

@@ -471,7 +471,7 @@ static json_t *answer_json(struct cli *cli, struct job *job)
 
     for (size_t i = 0; i < job->runs.num_references; i++) {
         references[i] = job->runs.list[i].answer;
-        json_object_set_new(references[i], "rel_noise", compare_number(job->rel_noise[i]));
+        json_object_set_new(references[i], "rel_noise", cli_number(job->rel_noise[i]));
     }
     o = json_pack("{s:O,s:O,s:i,s:i,s:I,s:f,s:f,s:f,s:i,s:O}", "reference", references[0], "methods", job->methods, "width", job->width,
                   "height", job->height, "translucent_pixels", (json_int_t) job->translucent, "ppd", (double) job->params.ppd, "floor",
@@ -502,7 +502,7 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
 
     for (size_t i = 0; i < job->runs.count; i++) {
         if (i < job->runs.num_references)
-            json_object_set_new(job->runs.list[i].shown, "rel_noise", compare_number(job->rel_noise[i]));
+            json_object_set_new(job->runs.list[i].shown, "rel_noise", cli_number(job->rel_noise[i]));
         json_array_append(images, job->runs.list[i].shown);
     }
     cli_format_knobs(pell_settings_knobs(), &s->settings, NULL, settings, sizeof(settings));

@@ -115,11 +115,6 @@ static void finish(struct gltf *g)
 #define GLB_JSON 0x4e4f534au
 #define GLB_BIN 0x004e4942u
 
-static uint32_t little_endian(const uint8_t *p)
-{
-    return p[0] | (uint32_t) p[1] << 8 | (uint32_t) p[2] << 16 | (uint32_t) p[3] << 24;
-}
-
 /* Finds the JSON chunk and the binary chunk of a GLB. */
 static enum pell_result open_glb(struct gltf *g, const uint8_t *data, size_t size, struct gltf_bytes *json)
 {
@@ -128,10 +123,10 @@ static enum pell_result open_glb(struct gltf *g, const uint8_t *data, size_t siz
 
     if (size < GLB_HEADER + GLB_CHUNK_HEADER)
         return pell_error(g->ctx, PELL_ERR_FORMAT, path, NULL, "a GLB of %zu bytes is too short, allowed: 20 or more", size);
-    if (little_endian(data + 4) != 2)
+    if (pell_load_little_endian(data + 4) != 2)
         return pell_error(g->ctx, PELL_ERR_UNSUPPORTED, path, "export it again as glTF 2.0", "GLB version %" PRIu32 ", allowed: 2",
-                          little_endian(data + 4));
-    end = little_endian(data + 8);
+                          pell_load_little_endian(data + 4));
+    end = pell_load_little_endian(data + 8);
     if (end > size || end < GLB_HEADER + GLB_CHUNK_HEADER)
         return pell_error(g->ctx, PELL_ERR_FORMAT, path, "the file may be cut off", "the GLB says it has %s, but there are %zu",
                           pell_counted((long long) end, "byte", "bytes").str, size);
@@ -144,8 +139,8 @@ static enum pell_result open_glb(struct gltf *g, const uint8_t *data, size_t siz
                 break;
             return pell_error(g->ctx, PELL_ERR_FORMAT, path, NULL, "chunk %d has no room for its header", chunk);
         }
-        length = little_endian(data + at);
-        type = little_endian(data + at + 4);
+        length = pell_load_little_endian(data + at);
+        type = pell_load_little_endian(data + at + 4);
         at += GLB_CHUNK_HEADER;
         if (length > end - at)
             return pell_error(g->ctx, PELL_ERR_FORMAT, path,
