@@ -232,8 +232,8 @@ static const float *corner_of(const struct pell_scene *scene, const struct pell_
  * of very many parts, only the largest ones are considered as hosts. */
 static void find_inverted(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
 {
-    enum { HOSTS = 64, LOOKS = 64 };
-    int looks = 0;
+    enum { HOSTS = 64, TESTS_MOST = 64 }; /* hosts considered; tests whether a host encloses a point */
+    int tests = 0;
     const double least = 1e-9 * t->scale * t->scale * t->scale;
     uint32_t hosts[HOSTS];
     size_t num_hosts = 0;
@@ -254,7 +254,7 @@ static void find_inverted(const struct pell_scene *scene, const struct pell_topo
     /* The wall of a cavity in an inside-out part faces outward, and is flipped with it. */
     for (uint32_t i = 0; i < t->num_parts; i++)
         for (size_t k = 0; k < num_hosts && !inverted[i] && parts[i].closed && parts[i].volume > least; k++)
-            if (inverted[hosts[k]] && inside(&parts[i], &parts[hosts[k]]) && looks++ < LOOKS) {
+            if (inverted[hosts[k]] && inside(&parts[i], &parts[hosts[k]]) && tests++ < TESTS_MOST) {
                 const float *corner = corner_of(scene, t, i);
                 inverted[i] = corner && encloses_point(scene, t, hosts[k], corner);
             }
