@@ -464,7 +464,8 @@ static void samples_keep_no_step_with_the_mesh(void **state)
     REQUIRE_NEAR(light[0] / light[1], 1.0, 0.06);
 }
 
-/* A cylinder about the y axis, of radius 20 mm, from y = 0 to 100 mm, whose side is divided into `rows`. Caps have a vertex in their middle. */
+/* A cylinder about the y axis, of radius 20 mm, from y = 0 to 100 mm, whose side is divided into `rows`. A cap has a vertex in its
+ * middle. */
 static void add_cylinder(struct stage *s, size_t material, int sides, int rows)
 {
     const uint32_t n = (uint32_t) sides, ring = n * (uint32_t) (rows + 1), caps = ring + 2 * (n + 1);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * cells.c - triangles larger than the distance of samples are subdivided into cells (shared/subdivision.h): four from one, or two where a
- * side is short (Rivara 1984), so that long thin triangles are not cut across, too. Samples are distributed over cells and triangles by area, one per
- * square of the spacing. The cell around a point can be found.
+ * side is short (Rivara 1984), so that long thin triangles are not cut across, too. Samples are distributed over cells and triangles by
+ * area, one per square of the spacing. The cell around a point can be found.
  */
 #include "render/indirect/internal.h"
 
