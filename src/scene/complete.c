@@ -536,11 +536,12 @@ static enum pell_result complete_view(struct pell_scene *scene, const struct pel
         PELL_TRY(pell_scene_frame(scene, params->aspect > 0.0f ? params->aspect : extras->aspect));
     if (extras->view.has_studio)
         pell_scene_drop_lights(scene);
-    if ((extras->studio && !around->environment) || extras->view.has_studio || (scene->num_lights == 0 && !extras->own_lights))
-        PELL_TRY(pell_scene_studio(scene, extras->view.studio));
     ground = extras->view.has_studio ? pell_studio_has_backdrop(extras->view.studio) && scene->background == PELL_BACKGROUND_COLOR
                                      : extras->backdrop && !around->environment;
-    if (extras->ground || params->ground || (ground && !around->background))
+    ground = extras->ground || params->ground || (ground && !around->background);
+    if ((extras->studio && !around->environment) || extras->view.has_studio || (scene->num_lights == 0 && !extras->own_lights))
+        PELL_TRY(pell_scene_studio(scene, extras->view.studio, ground));
+    if (ground)
         PELL_TRY(pell_scene_ground(scene, extras->ground_material));
     if (scene->from_file && scene->background == PELL_BACKGROUND_COLOR && scene->ground_mesh < 0 && !extras->own_background &&
         !around->background)

@@ -185,8 +185,9 @@ PELL_NODISCARD enum pell_result pell_studio_read(struct pell_context *ctx, enum 
 PELL_NODISCARD enum pell_result pell_scene_frame(struct pell_scene *scene, float aspect);
 /* Inserts as first camera one on the viewpoint's side that frames the objects. */
 PELL_NODISCARD enum pell_result pell_scene_frame_from(struct pell_scene *scene, const struct pell_viewpoint *view, float aspect);
-/* Adds the lights of a studio (0: three soft ones) around the bounds, relative to the first camera. */
-PELL_NODISCARD enum pell_result pell_scene_studio(struct pell_scene *scene, int studio);
+/* Adds the lights of a studio (0: three soft ones) around the bounds, relative to the first camera. `level`: as for a camera that looks
+ * horizontally; a rim light would be on the floor, or below it, where the camera looks down. */
+PELL_NODISCARD enum pell_result pell_scene_studio(struct pell_scene *scene, int studio, bool level);
 /* Whether the studio has a ground. Lights from behind would cut the floor in a visible line, where it crosses their planes. */
 bool pell_studio_has_backdrop(int studio);
 /* Adds a floor with a curved backdrop behind the bounds, relative to the first camera, or a round table if an environment lights the scene;

@@ -113,12 +113,23 @@ bool pell_studio_has_backdrop(int studio)
     return studio == WINDOW;
 }
 
-enum pell_result pell_scene_studio(struct pell_scene *scene, int studio)
+/* Horizontal direction into the image, unit: of a camera that looks up or down, that of the upper or lower border. */
+static struct pell_vec3 level_direction(const struct pell_camera *camera)
+{
+    const struct pell_vec3 forward = vec3_load(camera->forward), up = vec3_load(camera->up);
+    const struct pell_vec3 level = vec3(forward.x, 0, forward.z), border = vec3_mul(up, forward.y > 0.0f ? -1.0f : 1.0f);
+
+    return vec3_normalize(vec3_length(level) > 1e-3f ? level : vec3(border.x, 0, border.z));
+}
+
+enum pell_result pell_scene_studio(struct pell_scene *scene, int studio, bool level)
 {
     struct pell_vec3 front = vec3(0, 0, 1), up = vec3(0, 1, 0), right;
     enum pell_result res;
 
-    if (scene->num_cameras) {
+    if (scene->num_cameras && level) {
+        front = vec3_mul(level_direction(&scene->cameras[0]), -1.0f);
+    } else if (scene->num_cameras) {
         front = vec3_mul(vec3_load(scene->cameras[0].forward), -1.0f);
         up = vec3_load(scene->cameras[0].up);
     }
@@ -351,15 +362,11 @@ static enum pell_result add_sweep(struct pell_scene *scene, size_t index)
 {
     const float r = radius_of(scene), bend = 6.0f * r, back = 7.0f * r;
     const struct pell_vec3 center = center_of(scene);
-    struct pell_vec3 behind = vec3(0, 0, -1), side;
+    const struct pell_vec3 behind = scene->num_cameras ? level_direction(&scene->cameras[0]) : vec3(0, 0, -1);
+    struct pell_vec3 side;
     struct pell_mesh *mesh;
     enum pell_result res;
 
-    if (scene->num_cameras) {
-        const struct pell_vec3 f = vec3_load(scene->cameras[0].forward), level = vec3(f.x, 0, f.z);
-        if (vec3_length(level) > 1e-3f)
-            behind = vec3_normalize(level);
-    }
     side = vec3_cross(behind, vec3(0, 1, 0));
     PELL_TRY(pell_mesh_allocate(scene, index, 2 * PROFILE_POINTS, 2 * (PROFILE_POINTS - 1)));
     mesh = &scene->meshes[index];

@@ -386,6 +386,7 @@ static struct job choose_job(struct viewer_worker *w)
 {
     struct viewer *v = w->v;
     struct job refine_job = { NULL };
+    int refined = 0;
 
     for (int k = 1; k <= VIEWER_PAGES; k++) {
         const int i = (int) ((w->last_served + (uint64_t) k) % VIEWER_PAGES);
@@ -403,13 +404,17 @@ static struct job choose_job(struct viewer_worker *w)
             page->num_tasks--;
             memmove(page->tasks, page->tasks + 1, (size_t) page->num_tasks * sizeof(*page->tasks));
         } else {
-            if (!refine_job.pane && p->view && p->step < STEP_DONE && viewer_page_ready(page))
+            if (!refine_job.pane && p->view && p->step < STEP_DONE && viewer_page_ready(page)) {
                 refine_job = job;
+                refined = i;
+            }
             continue;
         }
         w->last_served = (uint64_t) i;
         return job;
     }
+    if (refine_job.pane)
+        w->last_served = (uint64_t) refined;
     return refine_job;
 }
 

@@ -716,6 +716,22 @@ static void only_the_default_background_has_a_contact_shadow(void **state)
     }
 }
 
+static void lights_are_over_the_ground_from_any_side(void **state)
+{
+    static const char *const sides[] = { "front", "34", "-60,35", "20,60", "top", "0,-90" }, *const studios[] = { "soft", "rim", "back" };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(sides); i++)
+        for (size_t k = 0; k < PELL_COUNT(studios); k++) {
+            const struct pell_load_params params = { .mm_per_unit = 10.0, .from = sides[i], .studio = studios[k], .ground = true };
+            struct pell_scene *s = load(CUBE, &params, NULL);
+            assert_int_equal(s->ground_mesh, 1);
+            for (size_t l = 0; l < s->num_lights; l++)
+                REQUIRE(s->lights[l].position[1] > 0.5f * (s->bounds_min[1] + s->bounds_max[1]));
+            finish(s);
+        }
+}
+
 static void the_ground_is_a_floor_and_a_wall_out_of_the_bounds(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -1031,6 +1047,7 @@ int main(void)
         cmocka_unit_test(only_the_default_background_has_a_contact_shadow),
         cmocka_unit_test(studio_lights_are_as_bright_on_a_grain_as_on_a_house),
         cmocka_unit_test(a_background_that_is_given_has_no_floor_before_it),
+        cmocka_unit_test(lights_are_over_the_ground_from_any_side),
         cmocka_unit_test(the_ground_is_a_floor_and_a_wall_out_of_the_bounds),
         cmocka_unit_test(in_an_environment_the_ground_is_a_table),
         cmocka_unit_test(one_object_in_three_units_is_one_object),

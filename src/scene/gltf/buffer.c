@@ -378,7 +378,8 @@ static enum pell_result read_accessor(struct gltf *g, int64_t index, struct gltf
 {
     static const char *const types[] = { "SCALAR", "VEC2", "VEC3", "VEC4", "MAT2", "MAT3", "MAT4" };
     const struct pell_json at = pell_json_at(&g->accessors, (size_t) index);
-    const int64_t most = g->limits->vertices > 3 * g->limits->triangles + 2 ? g->limits->vertices : 3 * g->limits->triangles + 2;
+    const int64_t limit = g->limits->vertices > 3 * g->limits->triangles + 2 ? g->limits->vertices : 3 * g->limits->triangles + 2;
+    const int64_t most = limit < UINT32_MAX ? limit : UINT32_MAX;
     int64_t count = 0, offset = 0;
     uint32_t stride = 0, element;
     int type = 0;
