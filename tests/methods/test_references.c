@@ -240,6 +240,44 @@ static void the_bunny(void **state)
     stage_finish(&s);
 }
 
+/* Intersecting balls, much smaller than the distance that light travels: distant nodes of the octree have normals of all directions, and
+ * a few samples represent each. The image is that of the sum over all samples. */
+static void distant_balls_are_sampled(void **state)
+{
+    static const char *const plain[] = { "error=1e-6", NULL };
+    struct shot shot[2];
+    double square = 0.0, sum[2] = { 0.0 };
+
+    (void) state;
+    for (int exact = 0; exact < 2; exact++) {
+        struct stage s;
+        size_t material;
+        stage_start(&s, 16, 16);
+        stage_medium(&s, "wholemilk", &material);
+        for (int i = 0; i < 5; i++)
+            for (int k = 0; k < 5; k++)
+                for (int l = 0; l < 3; l++)
+                    stage_ball(&s, material, 0, vec3(1.9f * (float) (i - 2), 1.9f * (float) (k - 2), -1.9f * (float) l), 1.0f, 10);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(80, 30, 60), vec3(0, 0, 0), 3.0f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 9.0f);
+        s.settings.opposed = true;
+        shot[exact] = stage_shot_of(&s, "hierarchical", exact ? plain : NULL);
+        stage_finish(&s);
+    }
+    for (size_t c = 0; c < 3; c++)
+        for (int i = 0; i < 16 * 16; i++) {
+            const double a = shot_at(&shot[0], c, i % 16, i / 16), b = shot_at(&shot[1], c, i % 16, i / 16);
+            square += (a - b) * (a - b) / (16 * 16 * 3);
+            sum[0] += a / (16 * 16 * 3);
+            sum[1] += b / (16 * 16 * 3);
+        }
+    print_message("# octree / all samples: mean %.5f, difference %.5f of the mean\n", sum[0] / sum[1], sqrt(square) / sum[1]);
+    REQUIRE_NEAR(sum[0] / sum[1], 1.0, 0.006);
+    REQUIRE(sqrt(square) / sum[1] < 0.0085);
+    shot_free(&shot[0]);
+    shot_free(&shot[1]);
+}
+
 /* Gaussians instead of the profile: on a ball in a uniform environment the light within the diameter is that of the fit, which differs
  * little from the dipole's. */
 static void gaussians_in_the_profiles_place(void **state)
@@ -428,6 +466,7 @@ int main(void)
         cmocka_unit_test(step_of_light_on_a_plane),
         cmocka_unit_test(all_ways_agree),
         cmocka_unit_test(the_bunny),
+        cmocka_unit_test(distant_balls_are_sampled),
         cmocka_unit_test(gaussians_in_the_profiles_place),
         cmocka_unit_test(error_bars_are_honest),
     };

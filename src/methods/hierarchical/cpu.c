@@ -32,7 +32,9 @@ enum {
     ROWS = 2,   /* rows of pixels per task */
     BATCH = 32, /* bands between two progress reports */
 };
-#define REACH 2.0f /* radius of the near window, in sample spacings */
+#define REACH 2.0f            /* radius of the near window, in sample spacings */
+enum { REPRESENTATIVES = 4 }; /* samples that represent a distant node whose normals differ: */
+#define MIN_NORMAL2 0.5f      /* squared length of its mean normal below this */
 
 struct solid {
     struct hierarchical_radial radial;
@@ -325,6 +327,34 @@ static void add_samples(const struct solid *b, const struct pell_light_node *n, 
     }
 }
 
+/* Adds a distant node whose samples face different directions, of which the transport between faces is no mean: a few samples, evenly
+ * spaced along the tree's curve, represent them. Returns false, and adds nothing, if the node has few samples or its light is on others. */
+static bool add_folded_node(const struct solid *b, const struct pell_light_node *n, const struct exit *x, float *sum)
+{
+    const uint32_t end = n->next < b->tree.num_nodes ? b->tree.nodes[n->next].first : (uint32_t) b->tree.num_samples;
+    const uint64_t count = end - n->first;
+    float light[3] = { 0.0f }, power[3] = { 0.0f };
+
+    if (count < 2 * REPRESENTATIVES)
+        return false;
+    for (uint32_t i = 0; i < REPRESENTATIVES; i++) {
+        const struct pell_surface_sample *s = &b->tree.samples[n->first + (uint32_t) ((2 * i + 1) * count / (2 * REPRESENTATIVES))];
+        float R[4];
+        look_up(&b->radial, distance2(s->position, x->at) * x->inverse2, R);
+        oppose(b, x, s->position, s->normal, s->curvature, R);
+        for (int c = 0; c < 3; c++) {
+            light[c] += R[c] * s->power[c];
+            power[c] += s->power[c];
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        if (n->power[c] > 0.0f && !(power[c] > 0.0f))
+            return false;
+    for (int c = 0; c < 3; c++)
+        sum[c] += power[c] > 0.0f ? n->power[c] * light[c] / power[c] : 0.0f;
+    return true;
+}
+
 /* Similarity of the samples in the window to a smooth surface without a border, 0 to 1. */
 static float smooth_surface(const struct solid *b, const struct near *n)
 {
@@ -362,12 +392,15 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
             i = n->next;
             continue;
         }
-        if (n->area < error * d2 && pell_light_node_distance2(n, p) > b->reach2 && (!b->is_opposed || length2(n->normal) > 0.5f)) {
+        const bool far = n->area < error * d2 && pell_light_node_distance2(n, p) > b->reach2;
+        if (far && (!b->is_opposed || length2(n->normal) > MIN_NORMAL2)) {
             float R[4];
             look_up(&b->radial, d2 * inverse2, R);
             oppose(b, &x, n->centre, n->normal, n->curvature, R);
             for (int c = 0; c < 3; c++)
                 sum[c] += R[c] * n->power[c];
+            i = n->next;
+        } else if (far && add_folded_node(b, n, &x, sum)) {
             i = n->next;
         } else if (n->count) {
             add_samples(b, n, &x, sum, &near);
