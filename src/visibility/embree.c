@@ -298,7 +298,7 @@ enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_sc
 
     rays->scene = rtcNewScene(rays->device);
     PELL_TRY(check(rays, scene, (enum RTCError) atomic_load(&rays->error)));
-    rtcSetSceneFlags(rays->scene, RTC_SCENE_FLAG_ROBUST);
+    rtcSetSceneFlags(rays->scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION); /* pell_rays_exits has a filter */
     rtcSetSceneBuildQuality(rays->scene, RTC_BUILD_QUALITY_MEDIUM);
     rtcSetSceneProgressMonitorFunction(rays->scene, on_progress, rays);
     for (size_t i = 0; i < scene->num_meshes; i++)
@@ -498,6 +498,36 @@ bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray
         record_ray(rays->record, ray, true);
     rtcOccluded1(rays->scene, &context, &r);
     return r.tfar < 0.0f;
+}
+
+/* --- Crossings ------------------------------------------------------------------------------------------------------------------ */
+
+struct crossings {
+    struct RTCIntersectContext context; /* first: Embree passes it to the filter */
+    int object, exits;
+};
+
+/* Counts an intersection, and rejects it, so that the ray continues to all others. */
+static void count_crossing(const struct RTCFilterFunctionNArguments *args)
+{
+    struct crossings *c = (struct crossings *) args->context;
+    const struct surface *s = args->geometryUserPtr;
+    const float *n = (const float *) args->hit, *d = (const float *) args->ray + 4; /* planes of one, see filter */
+    const float along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
+
+    if (args->valid[0] == -1 && s->mesh->object == c->object)
+        c->exits += along > 0.0f ? 1 : -1;
+    args->valid[0] = 0;
+}
+
+int pell_rays_exits(const struct pell_rays *rays, const struct pell_ray *ray, int object)
+{
+    struct crossings c = { .context = intersect_context(false), .object = object };
+    struct RTCRayHit r = { .ray = single_ray(ray), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
+
+    c.context.filter = count_crossing;
+    rtcIntersect1(rays->scene, &c.context, &r);
+    return c.exits;
 }
 
 /* --- Closest point -------------------------------------------------------------------------------------------------------------- */

@@ -122,6 +122,9 @@ struct pell_hit {
 /* False: no hit, and *hit is unchanged. */
 bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray, struct pell_hit *hit);
 bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray);
+/* Number of times that a ray leaves an object minus the number of times that it enters it, over all its intersections: the number of the
+ * object's closed parts that contain the origin. Intersections at the same distance all count. */
+int pell_rays_exits(const struct pell_rays *rays, const struct pell_ray *ray, int object);
 
 struct pell_nearest {
     uint32_t mesh, triangle;

@@ -22,6 +22,7 @@
 #include "optics/medium/opposed.h"
 #include "optics/profile/white.h"
 #include "render/engine.h"
+#include "visibility/buried.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -32,6 +33,7 @@ enum {
     ROWS = 2,   /* rows of pixels per task */
     BATCH = 32, /* bands between two progress reports */
 };
+#define RAY_OFFSET 1e-4f      /* of the largest coordinate: offset of ray origins */
 #define REACH 2.0f            /* radius of the near window, in sample spacings */
 enum { REPRESENTATIVES = 4 }; /* samples that represent a distant node whose normals differ: */
 #define MIN_NORMAL2 0.5f      /* squared length of its mean normal below this */
@@ -64,6 +66,27 @@ struct light_task {
     size_t count;
     double mean_area; /* mm^2, of a sample */
 };
+
+/* Invalidates samples of surface inside another part of the object. */
+static void drop_buried(const struct light_task *t, size_t first, size_t count)
+{
+    const struct pell_services *services = t->st->services;
+    struct pell_buried_query query[PELL_PACKET];
+    bool buried[PELL_PACKET];
+
+    for (size_t at = 0; at < count; at += PELL_PACKET) {
+        const int n = count - at < PELL_PACKET ? (int) (count - at) : PELL_PACKET;
+        for (int i = 0; i < n; i++) {
+            const struct pell_surface_sample *s = &t->samples[first + at + (size_t) i];
+            const float *p = s->position, largest = fmaxf(fabsf(p[0]), fmaxf(fabsf(p[1]), fabsf(p[2])));
+            query[i] = (struct pell_buried_query) { vec3_load(p), vec3_load(s->normal), RAY_OFFSET * largest,
+                                                    services->scene->meshes[t->points[first + at + (size_t) i].mesh].object };
+        }
+        pell_buried16(services->scene, services->rays, query, n, buried);
+        for (int i = 0; i < n; i++)
+            t->valid[first + at + (size_t) i] &= !buried[i];
+    }
+}
 
 static void light_chunk(void *arg, int index, int worker)
 {
@@ -102,6 +125,7 @@ static void light_chunk(void *arg, int index, int worker)
             s->power[c] = irradiance[c][i] * t->points[first + i].area;
         }
     }
+    drop_buried(t, first, count);
 }
 
 static enum pell_result sample_solid(struct hierarchical_state *st, const struct pell_solid *solid, size_t count,

@@ -6,6 +6,7 @@
 
 #include "scene/mesh/topology.h"
 #include "shared/curvature.h"
+#include "visibility/buried.h"
 
 #include <string.h>
 
@@ -15,6 +16,8 @@
 #define SIDE PELL_CURVATURE_SIDE /* MAX_CELLS of cpu.c: an object needs at most a quarter of the nodes along an axis */
 #define MIN_CAPACITY 4096
 #define CREASE (PELL_PI / 3.0) /* as for normals that are missing in a file */
+#define SEAM_OFFSET 0.1f       /* of a cell: distance from a crease at which its faces are tested, */
+#define SEAM_INSIDE 0.25f      /* at most this fraction of the way to a face's opposite corner */
 
 static uint64_t key_of(size_t patch_index, const int at[3])
 {
@@ -189,24 +192,54 @@ static double dihedral(const float *first, const float *second, struct pell_vec3
     return atan2(dvec3_dot(dvec3_cross(a, b), d), dvec3_dot(a, b));
 }
 
-static enum pell_result add_edge(struct curvature_grid *g, const struct curvature_patch *patch, size_t patch_index, struct pell_vec3 a,
-                                 struct pell_vec3 along, double angle)
-{
-    const float length = vec3_length(along);
-    const int n = (int) fminf(fmaxf(ceilf(length / (PIECE * patch->step)), 1.0f), PIECES_MOST);
-    const struct curvature_sum piece = { .turn = (double) length * angle / n };
-
-    for (int i = 0; i < n; i++)
-        if (curvature_grid_add(g, patch, patch_index, vec3_mad(a, ((float) i + 0.5f) / (float) n, along), &piece) != PELL_OK)
-            return PELL_ERR_NOMEM;
-    return PELL_OK;
-}
-
 /* An edge between two consistently oriented faces. */
 struct edge {
     struct pell_vec3 from, along;
+    struct pell_vec3 normal[2], opposite[2]; /* of the faces: unit normal, and the corner that is not on the edge */
     double angle;
 };
+
+/* Where parts of an object touch, the faces between them are inside of it, and their edges are no curvature of its surface. Finds the
+ * points of a crease next to which a face is inside; count: at most half a packet. */
+static void find_seams(const struct curvature_object *object, const struct edge *e, float offset, const struct pell_vec3 *at, int count,
+                       bool *seam)
+{
+    struct pell_buried_query query[PELL_PACKET];
+    bool buried[PELL_PACKET];
+
+    for (int i = 0; i < 2 * count; i++) {
+        const struct pell_vec3 to = vec3_sub(e->opposite[i % 2], at[i / 2]);
+        const float fraction = fminf(offset / fmaxf(vec3_length(to), 1e-30f), SEAM_INSIDE);
+        query[i] = (struct pell_buried_query) { vec3_mad(at[i / 2], fraction, to), e->normal[i % 2],
+                                                CURVATURE_OFFSET * curvature_largest(at[i / 2]), object->id };
+    }
+    pell_buried16(object->scene, object->rays, query, 2 * count, buried);
+    for (int i = 0; i < count; i++)
+        seam[i] = buried[2 * i] || buried[2 * i + 1];
+}
+
+static enum pell_result add_edge(struct curvature_grid *g, const struct curvature_patch *patch, size_t patch_index,
+                                 const struct curvature_object *object, const struct edge *e)
+{
+    const float length = vec3_length(e->along);
+    const int n = (int) fminf(fmaxf(ceilf(length / (PIECE * patch->step)), 1.0f), PIECES_MOST);
+    const struct curvature_sum piece = { .turn = (double) length * e->angle / n };
+    const bool crease = object->rays && e->angle > CREASE;
+
+    for (int first = 0; first < n; first += PELL_PACKET / 2) {
+        const int count = n - first < PELL_PACKET / 2 ? n - first : PELL_PACKET / 2;
+        struct pell_vec3 at[PELL_PACKET / 2];
+        bool seam[PELL_PACKET / 2] = { false };
+        for (int i = 0; i < count; i++)
+            at[i] = vec3_mad(e->from, ((float) (first + i) + 0.5f) / (float) n, e->along);
+        if (crease)
+            find_seams(object, e, SEAM_OFFSET * patch->step, at, count, seam);
+        for (int i = 0; i < count; i++)
+            if (!seam[i] && curvature_grid_add(g, patch, patch_index, at[i], &piece) != PELL_OK)
+                return PELL_ERR_NOMEM;
+    }
+    return PELL_OK;
+}
 
 /* Returns false for edges without curvature: flat ones, borders, and edges of more than two faces. */
 static bool edge_of(const struct pell_topology *t, const float *const *at, uint32_t first, uint32_t end, struct edge *out)
@@ -218,6 +251,11 @@ static bool edge_of(const struct pell_topology *t, const float *const *at, uint3
     out->from = vec3_load(at[pell_half_start(t, a)]);
     out->along = vec3_sub(vec3_load(at[pell_half_end(t, a)]), out->from);
     out->angle = dihedral(t->face + 3 * (size_t) (a / 3), t->face + 3 * (size_t) (b / 3), out->along);
+    for (int i = 0; i < 2; i++) {
+        const uint32_t half = i == 0 ? a : b;
+        out->normal[i] = vec3_normalize(vec3_load(t->face + 3 * (size_t) (half / 3)));
+        out->opposite[i] = vec3_load(at[pell_half_end(t, pell_half_next(half))]);
+    }
     return out->angle != 0.0;
 }
 
@@ -272,7 +310,7 @@ enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_pa
     for (uint32_t i = 0, end, edges = 0; i < t->num_halves && !pell_cancelled_at(g->ctx, edges++); i = end) {
         end = pell_topology_edge(t, i);
         if (edge_of(t, at, i, end, &e))
-            PELL_TRY(add_edge(g, patch, patch_index, e.from, e.along, e.angle));
+            PELL_TRY(add_edge(g, patch, patch_index, object, &e));
     }
     res = pell_cancelled(g->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
