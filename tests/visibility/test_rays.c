@@ -289,6 +289,42 @@ static void no_ray_slips_through_the_edges_of_a_closed_mesh(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* Boxes of one object that touch, whose faces coincide, and one that overlaps both; a box of another object does not count. */
+static void exits_are_counted_through_coincident_faces(void **state)
+{
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    struct pell_rays *rays;
+    const size_t material = shapes_material(s, false);
+    static const struct {
+        float at[3];
+        int parts; /* of the object that contain the point */
+    } points[] = { { { 0.5f, 0.4f, 0.3f }, 1 },  { { 1.5f, 0.4f, 0.3f }, 1 }, { { 2.5f, 0.4f, 0.3f }, 1 },
+                   { { 1.2f, 0.6f, 0.55f }, 2 }, { { 3.5f, 0.4f, 0.3f }, 0 }, { { -0.5f, 0.4f, 0.3f }, 0 } };
+    (void) state;
+
+    for (int i = 0; i < 3; i++)
+        shapes_box(s, material, vec3((float) i, 0, 0), vec3((float) i + 1.0f, 1, 1))->object = 0;
+    shapes_box(s, material, vec3(0.6f, 0.5f, 0.5f), vec3(1.7f, 1.5f, 0.8f))->object = 0;
+    shapes_box(s, material, vec3(-1, -1, -1), vec3(5, 2, 2))->object = 1;
+    rays = build(ctx, s);
+    for (size_t k = 0; k < PELL_COUNT(points); k++)
+        for (int i = 0; i < 26; i++) {
+            const int n = i < 13 ? i : i + 1; /* directions to the 26 neighbours of a cube, slightly turned */
+            const struct pell_ray ray = { { points[k].at[0], points[k].at[1], points[k].at[2] },
+                                          0.0f,
+                                          { (float) (n % 3 - 1) + 0.013f, (float) (n / 3 % 3 - 1) + 0.021f, (float) (n / 9 - 1) - 0.017f },
+                                          INFINITY,
+                                          PELL_RAY_ALL };
+            assert_int_equal(pell_rays_exits(rays, &ray, 0), points[k].parts);
+            assert_int_equal(pell_rays_exits(rays, &ray, 1), 1);
+            assert_int_equal(pell_rays_exits(rays, &ray, 2), 0);
+        }
+    pell_rays_destroy(&rays);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
 static void bad_indices_and_materials_are_refused_by_name(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -518,6 +554,7 @@ int main(void)
         cmocka_unit_test(masks_part_translucent_from_opaque),
         cmocka_unit_test(masked_alpha_makes_holes_for_both_kinds_of_rays),
         cmocka_unit_test(no_ray_slips_through_the_edges_of_a_closed_mesh),
+        cmocka_unit_test(exits_are_counted_through_coincident_faces),
         cmocka_unit_test(bad_indices_and_materials_are_refused_by_name),
         cmocka_unit_test(lack_of_memory_is_an_error_and_leaves_nothing_behind),
         cmocka_unit_test(the_nearest_point_is_the_nearest_of_all),
