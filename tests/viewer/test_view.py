@@ -421,6 +421,12 @@ def _(folder):
         need([layer['name'] for layer in skin['layers']] == ['epidermis', 'dermis'], skin['layers'])
         need(skin['layers'][0]['thickness_mm'] == 0.15 and skin['layers'][1]['thickness_mm'] is None, skin['layers'])
         need(0.0 < skin['models'][0]['total'][2] < skin['models'][0]['total'][0] < 1.0, 'skin is red', skin['models'][0]['total'])
+        page.send({'type': 'profile', 'id': 8, 'material': {'skin': {'melanin': 0.2}}, 'export': 'glsl'})
+        try:
+            page.until(lambda m: m['type'] in ('file', 'unsaved'))
+            need(False, 'only media are exported')
+        except Closed:
+            pass
 
 
 @test('a restarted program with the same port and token file is found again; its file is private')
