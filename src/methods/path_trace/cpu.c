@@ -25,6 +25,7 @@ enum {
 
 #define UNEVEN 2.0   /* ratio of the sample counts of two samples of the multisample that is reported */
 #define CROSSED 0.01 /* fraction of the paths; fewer are rounding errors at edges */
+#define LOST 1e-4    /* the same for paths that leave a solid without hitting its surface */
 /* In rounding errors of a coordinate: with shorter mean free paths, paths hit the surface they start from. */
 #define COORDINATE_ROUNDINGS 64.0
 /* A round is abandoned when it exceeds the deadline by LATE_SECONDS and by LATE of the time limit. */
@@ -283,15 +284,15 @@ static void report(struct pt_state *st, const struct pt_run *run)
                   (double) (now.scatterings - st->before.scatterings) / samples, (double) (now.rays - st->before.rays) / samples);
     snprintf(hint, sizeof(hint), "--samples %.0f", fmin(st->most * films, PT_MAX_SAMPLES));
     if (st->most > UNEVEN * (double) st->fewest && !pell_context_interrupted(st->ctx))
-        pell_warn(st->ctx, "path-trace", hint,
-                  "the checkpoint has %u samples for one multisample, others end with %u: the image has their noise", st->most, st->fewest);
+        pell_warn(st->ctx, "path-trace", hint, "one multisample has %u samples, others end with %u: the image has their noise", st->most,
+                  st->fewest);
     if (brightest > 0.0)
         snprintf(bound, sizeof(bound), ": on average at most %.3g W/(m^2 sr) a pixel of the light of area lights", cut_weight * brightest);
     if (cut > 0)
         pell_warn(st->ctx, "path-trace", "raise the knob events", "%.3g %% of the paths were cut, with %.3g %% of the weight%s",
                   100.0 * (double) cut / samples, 100.0 * cut_weight, bound);
-    if (lost > 0)
-        pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces",
+    if ((double) lost > LOST * samples)
+        pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces; leave a gap between solids that touch",
                   "%.3g %% of the paths left a solid without hitting its surface", fmin(100.0 * (double) lost / samples, 100.0));
     if ((double) crossed > CROSSED * samples && shortest_mean_free_path(st->services->scene) > 0.0)
         pell_warn(st->ctx, "path-trace", "scattering is not visible at this size: an opaque material looks the same",
