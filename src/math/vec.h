@@ -74,6 +74,12 @@ static inline float vec3_length(struct pell_vec3 a)
     return sqrtf(vec3_dot(a, a));
 }
 
+/* Largest absolute value of the coordinates (maximum norm). */
+static inline float vec3_max_abs(struct pell_vec3 a)
+{
+    return fmaxf(fabsf(a.x), fmaxf(fabsf(a.y), fabsf(a.z)));
+}
+
 /* The zero vector is unchanged. */
 static inline struct pell_vec3 vec3_normalize(struct pell_vec3 a)
 {

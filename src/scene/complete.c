@@ -52,7 +52,7 @@ static size_t clean_normals(const struct pell_context *ctx, struct pell_mesh *me
 
     for (size_t i = 0; i < mesh->num_vertices && !pell_cancelled_at(ctx, i); i++) {
         float *n = mesh->normal + 3 * i;
-        const float largest = fmaxf(fabsf(n[0]), fmaxf(fabsf(n[1]), fabsf(n[2])));
+        const float largest = vec3_max_abs(vec3_load(n));
         const bool finite = isfinite(n[0] + n[1] + n[2]);
         bad += !finite;
         if (largest > NO_LENGTH && finite)
@@ -291,7 +291,7 @@ static enum pell_result check_material(struct pell_scene *scene, const struct pe
 /* Makes a direction a unit vector; false if its length is zero. */
 static bool make_unit(float *v)
 {
-    const float largest = fmaxf(fabsf(v[0]), fmaxf(fabsf(v[1]), fabsf(v[2])));
+    const float largest = vec3_max_abs(vec3_load(v));
 
     if (!(largest > NO_LENGTH) || !isfinite(v[0] + v[1] + v[2]))
         return false;

@@ -78,8 +78,8 @@ static void drop_buried(const struct light_task *t, size_t first, size_t count)
         const int n = count - at < PELL_PACKET ? (int) (count - at) : PELL_PACKET;
         for (int i = 0; i < n; i++) {
             const struct pell_surface_sample *s = &t->samples[first + at + (size_t) i];
-            const float *p = s->position, largest = fmaxf(fabsf(p[0]), fmaxf(fabsf(p[1]), fabsf(p[2])));
-            query[i] = (struct pell_buried_query) { vec3_load(p), vec3_load(s->normal), RAY_OFFSET * largest,
+            const struct pell_vec3 p = vec3_load(s->position);
+            query[i] = (struct pell_buried_query) { p, vec3_load(s->normal), RAY_OFFSET * vec3_max_abs(p),
                                                     services->scene->meshes[t->points[first + at + (size_t) i].mesh].object };
         }
         pell_buried16(services->scene, services->rays, query, n, buried);

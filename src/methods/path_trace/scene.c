@@ -22,11 +22,6 @@
 #define ROUGHNESS_STEPS 48.0f /* quantisation steps of mapped roughness, from 0 to 1 */
 #define MAX_TEXELS (1u << 20)
 
-static float extent(struct pell_vec3 p)
-{
-    return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
-}
-
 /* --- Solids ----------------------------------------------------------------------------------------------------------------------- */
 
 static const struct pell_mesh *mesh_of(const struct pt_scene *s, size_t solid, size_t triangle)
@@ -139,7 +134,7 @@ static enum pell_result make_solids(struct pt_scene *s)
     }
     if (lo.x <= hi.x) {
         s->centre = vec3_mul(vec3_add(lo, hi), 0.5f);
-        s->epsilon = 1e-6f * fmaxf(extent(lo), extent(hi)) + 1e-12f;
+        s->epsilon = 1e-6f * fmaxf(vec3_max_abs(lo), vec3_max_abs(hi)) + 1e-12f;
         s->radius = 0.5 * (double) vec3_length(vec3_sub(hi, lo)) * 1.0001 + 1e-6;
     }
     return pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;

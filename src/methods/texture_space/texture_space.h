@@ -192,7 +192,7 @@ static inline void ts_point_of(const struct ts_atlas *a, uint32_t triangle, floa
     pell_triangle_corners(m, a->triangles[triangle].triangle, p);
     *at = vec3_mad(vec3_mad(p[0], u, vec3_sub(p[1], p[0])), v, vec3_sub(p[2], p[0]));
     *normal = vec3_normalize(pell_triangle_cross(p));
-    *largest = fmaxf(fabsf(at->x), fmaxf(fabsf(at->y), fabsf(at->z)));
+    *largest = vec3_max_abs(*at);
 }
 
 /* Offsets of the chart texels in four rows of a block, by tiles of 4 x 4 for coherent packets: dx + TS_BLOCK dy of each. Returns their

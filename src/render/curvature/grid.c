@@ -211,7 +211,7 @@ static void find_seams(const struct curvature_object *object, const struct edge 
         const struct pell_vec3 to = vec3_sub(e->opposite[i % 2], at[i / 2]);
         const float fraction = fminf(offset / fmaxf(vec3_length(to), 1e-30f), SEAM_INSIDE);
         query[i] = (struct pell_buried_query) { vec3_mad(at[i / 2], fraction, to), e->normal[i % 2],
-                                                CURVATURE_OFFSET * curvature_largest(at[i / 2]), object->id };
+                                                CURVATURE_OFFSET * vec3_max_abs(at[i / 2]), object->id };
     }
     pell_buried16(object->scene, object->rays, query, 2 * count, buried);
     for (int i = 0; i < count; i++)

@@ -65,11 +65,6 @@ void curvature_grid_write(const struct curvature_grid *grid, uint32_t *out);
 
 #define CURVATURE_OFFSET 2.4e-5f /* of the largest coordinate: offset of ray origins */
 
-static inline float curvature_largest(struct pell_vec3 p)
-{
-    return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
-}
-
 /* A piece of a triangle. */
 struct curvature_piece {
     struct pell_vec3 at, normal; /* mm; unit, outward */

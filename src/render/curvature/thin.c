@@ -37,7 +37,7 @@ static bool measure(const struct thin_job *job, struct curvature_piece *piece, c
         --*inside;
         return false;
     }
-    piece->thinness = opposed / (r->ray.tfar[i] + CURVATURE_OFFSET * curvature_largest(piece->at));
+    piece->thinness = opposed / (r->ray.tfar[i] + CURVATURE_OFFSET * vec3_max_abs(piece->at));
     return true;
 }
 
@@ -53,7 +53,7 @@ static void drop_buried(const struct thin_job *job, struct curvature_piece *piec
         const struct curvature_piece *p = &piece[i < count ? i : 0];
         mask[i] = i < count && p->thinness > 0.0f ? -1 : 0;
         any |= mask[i] != 0;
-        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, CURVATURE_OFFSET * curvature_largest(p->at), p->normal), p->normal, INFINITY);
+        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, CURVATURE_OFFSET * vec3_max_abs(p->at), p->normal), p->normal, INFINITY);
         r.hit.mesh[i] = r.hit.instance[i] = PELL_NO_HIT;
     }
     if (!any)
@@ -80,8 +80,7 @@ static void thin16(void *arg, int index, int worker)
         const struct curvature_piece *p = &piece[i < count ? i : 0];
         const struct pell_vec3 inward = vec3_mul(p->normal, -1.0f);
         mask[i] = i < count && p->area > 0.0 ? -1 : 0;
-        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, CURVATURE_OFFSET * curvature_largest(p->at), inward), inward,
-                       job->patch->max_thickness);
+        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, CURVATURE_OFFSET * vec3_max_abs(p->at), inward), inward, job->patch->max_thickness);
     }
     for (size_t i = 0; i < count; i++)
         piece[i].thinness = 0.0f;
@@ -94,7 +93,7 @@ static void thin16(void *arg, int index, int worker)
             if (mask[i] && measure(job, &piece[i], &r, (int) i, &inside[i]))
                 mask[i] = 0;
             any |= mask[i] != 0;
-            r.ray.tnear[i] = r.ray.tfar[i] + CURVATURE_OFFSET * curvature_largest(piece[i < count ? i : 0].at);
+            r.ray.tnear[i] = r.ray.tfar[i] + CURVATURE_OFFSET * vec3_max_abs(piece[i < count ? i : 0].at);
             r.ray.tfar[i] = job->patch->max_thickness;
         }
     }

@@ -158,7 +158,7 @@ static inline bool indirect_shown(const struct pell_scene *scene, const struct p
 /* Offset of ray origins at `p`, mm. */
 static inline float indirect_ray_offset(struct pell_vec3 p, float spacing)
 {
-    return INDIRECT_RAY_OFFSET * fmaxf(fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z))), spacing);
+    return INDIRECT_RAY_OFFSET * fmaxf(vec3_max_abs(p), spacing);
 }
 
 /* --- spacing.c: distance between samples ---------------------------------------------------------------------------------------------- */

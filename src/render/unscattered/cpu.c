@@ -40,11 +40,6 @@ struct packet {
     int64_t rays;
 };
 
-static float largest(struct pell_vec3 p)
-{
-    return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
-}
-
 static bool is_faint(const struct unscattered_path *w)
 {
     return !(fmaxf(w->weight[0], fmaxf(w->weight[1], w->weight[2])) > MIN_WEIGHT);
@@ -101,7 +96,7 @@ static void start_path(const struct job *job, struct packet *k, int i, int x, in
     f.position = vec3_mad(start, s->depth[at], ray_direction);
     f.n = vec3(s->ns[0][at], s->ns[1][at], s->ns[2][at]);
     f.ng = vec3(s->ng[0][at], s->ng[1][at], s->ng[2][at]);
-    f.offset = RAY_OFFSET * (largest(f.position) + s->depth[at]);
+    f.offset = RAY_OFFSET * (vec3_max_abs(f.position) + s->depth[at]);
     set_roughness(m, &f);
     if (!pell_surface_is_uniform(m)) {
         f.roughness = s->roughness[at];
@@ -137,7 +132,7 @@ static struct unscattered_hit load_hit(const struct job *job, const struct pell_
     f.position = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
     f.ng = vec3_mul(ng, side);
     f.n = vec3_dot(n, ng) > 0.0f ? vec3_mul(vec3_normalize(n), side) : f.ng;
-    f.offset = RAY_OFFSET * (largest(f.position) + r->ray.tfar[i]);
+    f.offset = RAY_OFFSET * (vec3_max_abs(f.position) + r->ray.tfar[i]);
     set_roughness(m, &f);
     if (m->roughness_map.texture) {
         float texel[4];

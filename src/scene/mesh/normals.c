@@ -85,7 +85,7 @@ static void add_up(struct normals *n)
     for (uint32_t g = 0; g < n->num_groups && !pell_cancelled_at(n->scene->ctx, g); g++) {
         /* Long, thin objects have tiny cross products: scale them to one before squaring. */
         float *s = n->sum + 3 * (size_t) g;
-        const float largest = fmaxf(fabsf(s[0]), fmaxf(fabsf(s[1]), fabsf(s[2])));
+        const float largest = vec3_max_abs(vec3_load(s));
         vec3_store(largest > 1e-30f ? vec3_normalize(vec3_mul(vec3_load(s), 1.0f / largest)) : vec3(0, 0, 1), s);
     }
 }
