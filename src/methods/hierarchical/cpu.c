@@ -312,10 +312,13 @@ struct exit {
     const struct slab *slab;
 };
 
-static void oppose(const struct solid *b, const struct exit *x, const float *from, const float *normal, float curvature, float R[4])
+/* R of all channels, from a sample or node to the point, at the squared distance d2. */
+static void transport(const struct solid *b, const struct exit *x, float d2, const float *from, const float *normal, float curvature,
+                      float R[4])
 {
     struct pell_opposed_pair pair = { 0.0f, 0.0f, 0.0f, 0.0f, curvature / x->inverse };
 
+    look_up(&b->radial, d2 * x->inverse2, R);
     if (!b->is_opposed)
         return;
     for (int c = 0; c < 3; c++)
@@ -336,8 +339,7 @@ static void add_samples(const struct solid *b, const struct pell_light_node *n, 
         const struct pell_surface_sample *s = &b->tree.samples[i];
         const float area = s->area, d2 = distance2(s->position, x->at), t = 1.0f - d2 / b->reach2, w = t > 0.0f ? t * t : 0.0f;
         float R[4];
-        look_up(&b->radial, d2 * x->inverse2, R);
-        oppose(b, x, s->position, s->normal, s->curvature, R);
+        transport(b, x, d2, s->position, s->normal, s->curvature, R);
         for (int c = 0; c < 3; c++)
             sum[c] += (1.0f - w) * R[c] * s->power[c];
         if (!(w > 0.0f))
@@ -364,8 +366,7 @@ static bool add_folded_node(const struct solid *b, const struct pell_light_node 
     for (uint32_t i = 0; i < REPRESENTATIVES; i++) {
         const struct pell_surface_sample *s = &b->tree.samples[n->first + (uint32_t) ((2 * i + 1) * count / (2 * REPRESENTATIVES))];
         float R[4];
-        look_up(&b->radial, distance2(s->position, x->at) * x->inverse2, R);
-        oppose(b, x, s->position, s->normal, s->curvature, R);
+        transport(b, x, distance2(s->position, x->at), s->position, s->normal, s->curvature, R);
         for (int c = 0; c < 3; c++) {
             light[c] += R[c] * s->power[c];
             power[c] += s->power[c];
@@ -419,8 +420,7 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
         const bool far = n->area < error * d2 && pell_light_node_distance2(n, p) > b->reach2;
         if (far && (!b->is_opposed || length2(n->normal) > MIN_NORMAL2)) {
             float R[4];
-            look_up(&b->radial, d2 * inverse2, R);
-            oppose(b, &x, n->centre, n->normal, n->curvature, R);
+            transport(b, &x, d2, n->centre, n->normal, n->curvature, R);
             for (int c = 0; c < 3; c++)
                 sum[c] += R[c] * n->power[c];
             i = n->next;

@@ -195,23 +195,29 @@ static double dihedral(const float *first, const float *second, struct pell_vec3
 /* An edge between two consistently oriented faces. */
 struct edge {
     struct pell_vec3 from, along;
-    struct pell_vec3 normal[2], opposite[2]; /* of the faces: unit normal, and the corner that is not on the edge */
+    uint32_t half[2]; /* of the faces */
     double angle;
 };
 
 /* Where parts of an object touch, the faces between them are inside of it, and their edges are no curvature of its surface. Finds the
- * points of a crease next to which a face is inside; count: at most half a packet. */
-static void find_seams(const struct curvature_object *object, const struct edge *e, float offset, const struct pell_vec3 *at, int count,
-                       bool *seam)
+ * points of a crease next to which a face is inside; count: at most half a packet. `position`: of the topology. */
+static void find_seams(const struct curvature_object *object, const float *const *position, const struct edge *e, float offset,
+                       const struct pell_vec3 *at, int count, bool *seam)
 {
+    const struct pell_topology *t = object->topology;
     struct pell_buried_query query[PELL_PACKET];
     bool buried[PELL_PACKET];
 
-    for (int i = 0; i < 2 * count; i++) {
-        const struct pell_vec3 to = vec3_sub(e->opposite[i % 2], at[i / 2]);
-        const float fraction = fminf(offset / fmaxf(vec3_length(to), 1e-30f), SEAM_INSIDE);
-        query[i] = (struct pell_buried_query) { vec3_mad(at[i / 2], fraction, to), e->normal[i % 2],
-                                                CURVATURE_OFFSET * vec3_max_abs(at[i / 2]), object->id };
+    for (int face = 0; face < 2; face++) {
+        const uint32_t half = e->half[face];
+        const struct pell_vec3 normal = vec3_normalize(vec3_load(t->face + 3 * (size_t) (half / 3))),
+                               opposite = vec3_load(position[pell_half_end(t, pell_half_next(half))]);
+        for (int i = 0; i < count; i++) {
+            const struct pell_vec3 to = vec3_sub(opposite, at[i]);
+            const float fraction = fminf(offset / fmaxf(vec3_length(to), 1e-30f), SEAM_INSIDE);
+            query[2 * i + face] =
+                (struct pell_buried_query) { vec3_mad(at[i], fraction, to), normal, CURVATURE_OFFSET * vec3_max_abs(at[i]), object->id };
+        }
     }
     pell_buried16(object->scene, object->rays, query, 2 * count, buried);
     for (int i = 0; i < count; i++)
@@ -219,7 +225,7 @@ static void find_seams(const struct curvature_object *object, const struct edge 
 }
 
 static enum pell_result add_edge(struct curvature_grid *g, const struct curvature_patch *patch, size_t patch_index,
-                                 const struct curvature_object *object, const struct edge *e)
+                                 const struct curvature_object *object, const float *const *position, const struct edge *e)
 {
     const float length = vec3_length(e->along);
     const int n = (int) fminf(fmaxf(ceilf(length / (PIECE * patch->step)), 1.0f), PIECES_MOST);
@@ -233,7 +239,7 @@ static enum pell_result add_edge(struct curvature_grid *g, const struct curvatur
         for (int i = 0; i < count; i++)
             at[i] = vec3_mad(e->from, ((float) (first + i) + 0.5f) / (float) n, e->along);
         if (crease)
-            find_seams(object, e, SEAM_OFFSET * patch->step, at, count, seam);
+            find_seams(object, position, e, SEAM_OFFSET * patch->step, at, count, seam);
         for (int i = 0; i < count; i++)
             if (!seam[i] && curvature_grid_add(g, patch, patch_index, at[i], &piece) != PELL_OK)
                 return PELL_ERR_NOMEM;
@@ -251,11 +257,8 @@ static bool edge_of(const struct pell_topology *t, const float *const *at, uint3
     out->from = vec3_load(at[pell_half_start(t, a)]);
     out->along = vec3_sub(vec3_load(at[pell_half_end(t, a)]), out->from);
     out->angle = dihedral(t->face + 3 * (size_t) (a / 3), t->face + 3 * (size_t) (b / 3), out->along);
-    for (int i = 0; i < 2; i++) {
-        const uint32_t half = i == 0 ? a : b;
-        out->normal[i] = vec3_normalize(vec3_load(t->face + 3 * (size_t) (half / 3)));
-        out->opposite[i] = vec3_load(at[pell_half_end(t, pell_half_next(half))]);
-    }
+    out->half[0] = a;
+    out->half[1] = b;
     return out->angle != 0.0;
 }
 
@@ -310,7 +313,7 @@ enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_pa
     for (uint32_t i = 0, end, edges = 0; i < t->num_halves && !pell_cancelled_at(g->ctx, edges++); i = end) {
         end = pell_topology_edge(t, i);
         if (edge_of(t, at, i, end, &e))
-            PELL_TRY(add_edge(g, patch, patch_index, object, &e));
+            PELL_TRY(add_edge(g, patch, patch_index, object, at, &e));
     }
     res = pell_cancelled(g->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
