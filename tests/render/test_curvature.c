@@ -507,6 +507,43 @@ static void plates_of_what_absorbs_little_are_as_bright_as_path_traced(void **st
     }
 }
 
+/* Bars of four mean free paths, and plates of four that are wide, so that few collocation points are needed to resolve absorption. */
+static void narrow_solids_are_as_bright_as_path_traced(void **state)
+{
+    static const char *const traced[] = { "samples=200", NULL }, *const small_map[] = { "size=256", NULL };
+    static const char *const methods[] = { "screen-space", "texture-space", "hierarchical" };
+    (void) state;
+    RELEASE_ONLY();
+
+    for (int k = 0; k < 2; k++) {
+        struct shot truth, shot;
+        struct stage s;
+        size_t material;
+
+        stage_start(&s, SIZE, SIZE);
+        stage_medium(&s, k == 0 ? "wax" : "marble", &material)->rho_s = 0.0f;
+        if (k == 0)
+            stage_box(&s, material, 0, vec3(-1.5f, -6.0f, -1.5f), vec3(1.5f, 6.0f, 1.5f));
+        else
+            stage_box(&s, material, 0, vec3(-15, -10, -1), vec3(15, 10, 1));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(700, 200, 500), vec3(0, 0, 0), 2.0f);
+        stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, k == 0 ? 13.0f : 32.0f);
+        s.settings.layers = s.settings.angles = s.settings.curvature = s.settings.opposed = true;
+        truth = stage_shot_of(&s, "path-trace", traced);
+        for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+            shot = stage_shot_of(&s, methods[i], strcmp(methods[i], "texture-space") == 0 ? small_map : NULL);
+            for (size_t c = 0; c < 3; c++) {
+                const double over = mean_of(&shot, c) / mean_of(&truth, c);
+                print_message("# %s, %s, channel %zu: %.3f\n", k == 0 ? "bar" : "plate", methods[i], c, over);
+                REQUIRE_REL(over, 1.0, 0.125);
+            }
+            shot_free(&shot);
+        }
+        shot_free(&truth);
+        stage_finish(&s);
+    }
+}
+
 /* A ball of 10 mm of skin or marble, and a slab, backlit. All visible light is transmitted: a half-space's profile is up to seven times
  * too dark for the ball of skin, and a slab's T along one chord up to three times too bright for that of marble. For red the radius is
  * four mean free paths of skin, outside the range of the curvature gain. */
@@ -671,6 +708,7 @@ int main(void)
         cmocka_unit_test(a_ball_under_even_light_is_as_bright_as_path_traced),
         cmocka_unit_test(sharp_edges_have_no_colour_of_their_own),
         cmocka_unit_test(plates_of_what_absorbs_little_are_as_bright_as_path_traced),
+        cmocka_unit_test(narrow_solids_are_as_bright_as_path_traced),
         cmocka_unit_test(solids_lit_from_behind_are_as_bright_as_path_traced),
         cmocka_unit_test(clear_solids_pass_light_forward),
         cmocka_unit_test(clear_sheets_are_bright_toward_the_light),

@@ -16,8 +16,8 @@
  * amount sinh(kappa (z + b)). A half-space returns L/(1 + s kappa) Int exp(-t (1 + kappa z m)), m = -n.w; the rest of the profile's total
  * is light scattered a few times, and leaves where it entered.
  *
- * The equation is solved (equation.c) at collocation points for equal areas, 0.4 diffusion lengths 1/kappa apart, the same for all
- * channels.
+ * The equation is solved (equation.c) at collocation points for equal areas, 0.4 diffusion lengths 1/kappa apart or a quarter of the
+ * thickness, the same for all channels.
  *
  * A method finds M, the sum of the profile over the faces that it sees, normalized by the same sum under uniform light; or, if it
  * integrates over the whole solid, the sum of profile_sum.h. Its detail is kept: entering light, or what the method finds, is scaled by
@@ -51,8 +51,8 @@ enum { SAMPLES_PER_TASK = 256, MIN_POINTS = 800, MAX_POINTS = 4096, POINTS_PER_T
 #define THIN 2.0f             /* steps: thickness up to which a part is not solved, */
 #define THICK 4.0f            /* and from which it is */
 
-#define PATHS_MIN 4.0f  /* mean free paths: thickness up to which light is scattered too rarely, */
-#define PATHS_FULL 6.0f /* and from which diffusion holds */
+#define PATHS_MIN 1.2f  /* mean free paths: thickness up to which light is scattered too rarely, */
+#define PATHS_FULL 2.0f /* and from which diffusion holds */
 
 /* Mean free paths: blur of the two source depths, each of which represents a range of depths. */
 static const float blur[2] = { 0.6f, 1.2f };
@@ -136,11 +136,25 @@ static void set_channel(struct solid *s, int c)
     radial_make(&q->radial, profile, 0.1f * step, fmaxf(METHOD_REACH / q->kappa, e->near));
 }
 
-/* Returns the distance of points that resolves every channel, as far as MAX_POINTS allows. It is the same for all channels, so that
- * colours do not shift where a part is too thin for the points. 0: no channel can be resolved. */
+/* Harmonic mean of the thickness, mm, over the area where diffusion holds. */
+static double mean_thickness(const struct indirect_solid *of)
+{
+    const float least = PATHS_MIN * fminf(fminf(of->opposed->depth[0], of->opposed->depth[1]), of->opposed->depth[2]);
+    double area = 0.0, sum = 0.0;
+
+    for (size_t i = 0; i < of->count; i++)
+        if (of->thickness[i] > least) {
+            area += (double) of->samples[i].area;
+            sum += (double) of->samples[i].area / (double) of->thickness[i];
+        }
+    return sum > 0.0 ? area / sum : HUGE_VAL;
+}
+
+/* Returns the distance of points that resolves every channel and the thickness, as far as MAX_POINTS allows. It is the same for all
+ * channels, so that colours do not shift where a part is too thin for the points. 0: no channel can be resolved. */
 static float choose_step(const struct indirect_solid *of)
 {
-    double area = 0.0, shortest = HUGE_VAL, longest = 0.0;
+    double area = 0.0, shortest = HUGE_VAL, longest = 0.0, apart;
     float step;
 
     for (size_t i = 0; i < of->count; i++)
@@ -154,7 +168,8 @@ static float choose_step(const struct indirect_solid *of)
     }
     if (!(longest > 0.0))
         return 0.0f;
-    step = (float) sqrt(area / fmin(fmax(area / pow((double) STEP * shortest, 2.0), MIN_POINTS), MAX_POINTS));
+    apart = fmin((double) STEP * shortest, mean_thickness(of) / (double) THICK);
+    step = (float) sqrt(area / fmin(fmax(area / (apart * apart), MIN_POINTS), MAX_POINTS));
     step = fmaxf(step, MIN_STEP * of->spacing);
     return (double) step < (double) UNRESOLVED * longest ? step : 0.0f;
 }
