@@ -67,7 +67,8 @@ struct pell_frame {
     const float *depth;              /* mm along the view axis, > 0 */
     const float *strength;           /* scales the scattering radius, [0, 1]; NULL: 1 */
     const float *base[3];            /* base colour, where the material is `white`; undefined elsewhere. NULL: not known */
-    const float *irradiance[3];      /* irradiance that enters the surface, times albedo^m: W/m^2, finite */
+    const float *irradiance[3];      /* irradiance that the method spreads, times albedo^m: what enters the surface, less what the engine's
+                                      * solution for the solid accounts for, which leaves detail of either sign. W/m^2, finite */
     const float *shaded[3];          /* the composited image without scattering: W/(m^2 sr) */
     const float *normal[3];          /* unit, shading */
     const float *position[3];        /* mm */

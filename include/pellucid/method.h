@@ -51,8 +51,7 @@ struct pell_plan {
     enum pell_quantity quantity;
     float mix;      /* mix exponent for all materials; negative: each material's own */
     bool opposed;   /* rotates the profile between faces at an angle; the curvature gain is then that of such profiles */
-    bool local;     /* spreads light over faces of similar orientation; the engine scales entering light by diffusion in the solid */
-    bool around;    /* with `local`: spreads light along the whole surface, also over faces of other orientations */
+    bool local;     /* spreads light over the surface; the engine adds diffusion in the solid, and removes the light that it accounts for */
     bool spreads;   /* with PELL_NEED_TRANSMISSION: the engine spreads light that crosses a part sideways (pell_slab_spread) */
     bool transmits; /* with `local`: adds a slab's transmission weighted by pell_services_transmitted, the engine adds the rest */
     bool survives_light_change; /* with PELL_NEED_SCENE: the pass is kept when lights change (struct pell_frame.lights_revision) */

@@ -135,6 +135,8 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     if (!e->has_planes)
         PELL_TRY(pell_surface_allocate(e->ctx, s->width, s->height, &e->surface));
     pell_planes_want(&w, e->lighting.irradiance, 3);
+    if (s->opposed && frame->plan && (frame->plan->local || (frame->plan->needs & PELL_NEED_TRANSMISSION)))
+        pell_planes_want(&w, e->lighting.entered, 3);
     pell_planes_want(&w, e->lighting.transmitted, 3);
     pell_planes_want(&w, e->lighting.specular, 3);
     if (separates_single)

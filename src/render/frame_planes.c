@@ -18,7 +18,8 @@ static const struct pell_plane_info planes[PELL_PLANES] = {
     [PELL_PLANE_BASE] = { IN(base), .unit = "1", .components = 3, .optional = true,
         .what = "base colour of materials that take their colour from a texture; undefined for others" },
     [PELL_PLANE_IRRADIANCE] = { IN(irradiance), .unit = "W/m^2", .components = 3, .need = PELL_NEED_IRRADIANCE,
-        .what = "irradiance that enters the surface, times albedo^m, m the mix exponent" },
+        .what = "irradiance that the method spreads: what enters, times albedo^m, m the mix exponent, less what solved diffusion "
+                "accounts for" },
     [PELL_PLANE_SHADED] = { IN(shaded), .unit = "W/(m^2 sr)", .components = 3, .need = PELL_NEED_SHADED,
         .what = "radiance of the image without scattering" },
     [PELL_PLANE_NORMAL] = { IN(normal), .unit = "1", .components = 3, .need = PELL_NEED_NORMAL,

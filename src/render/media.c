@@ -96,7 +96,6 @@ enum pell_result pell_media_solids(struct pell_context *ctx, struct pell_pool *p
         any |= find_transport(params->scene, frame->materials, i, thin_only, frame->settings->angles, solid);
     for (size_t i = 0; i < count; i++) {
         solid[i].whole_solid = whole_solid;
-        solid[i].along_surface = frame->plan && frame->plan->around;
         solid[i].between_faces = pell_plan_transmits(frame->plan);
     }
     res = PELL_OK;
@@ -104,7 +103,7 @@ enum pell_result pell_media_solids(struct pell_context *ctx, struct pell_pool *p
         goto fail;
     if (!*cached)
         PELL_TRY(pell_indirect_create(ctx, pool, params, cached));
-    PELL_TRY(pell_indirect_solve_solids(*cached, pool, lights, solid));
+    PELL_TRY(pell_indirect_solve_solids(*cached, pool, lights, solid, frame->plan ? frame->plan->mix : -1.0f));
     *out = *cached;
 
 fail:

@@ -139,7 +139,7 @@ static double mean_over_depth(const struct fixture *f, int c, double size,
 /* Under uniform illumination the integral of a profile is its total. */
 static double uniform_response(const struct fixture *f, size_t i, int c)
 {
-    return f->light[i].gain[c] * total[c] + f->light[i].light[c];
+    return (1.0 - (double) f->light[i].entered[c]) * total[c] + (double) f->light[i].light[c];
 }
 
 /* phi = u/r with u = A sinh(kappa r), minus (q r'/kappa) sinh(kappa (r - r')) outside of the sources q at r' = R - depth, where phi + s'
@@ -284,7 +284,7 @@ static double half_lit(const struct fixture *f, int c, double radius, double x)
     return enters[c] * sum;
 }
 
-/* Far from the lit side all light is transmitted light of the solution, except for a little that a method's profile would contribute. */
+/* Far from the lit side all light is transmitted light of the solution, except for a little that the profile contributes. */
 static void light_gets_through_as_the_series_says(void **state)
 {
     struct fixture *f = *state;
@@ -299,8 +299,15 @@ static void light_gets_through_as_the_series_says(void **state)
     solve(f, 0.34);
     for (size_t i = 0; i < f->count; i += 10) {
         const double x = (double) f->sample[i].normal[2], phi = half_lit(f, c, radius, x);
+        double near = 0.0; /* returned by the profile from faces of similar orientation */
+        for (size_t j = 0; j < f->count && x < -0.75; j++) {
+            const struct pell_surface_sample *p = &f->sample[i], *q = &f->sample[j];
+            const struct pell_vec3 to = vec3_sub(vec3_load(q->position), vec3_load(p->position));
+            if (vec3_dot(vec3_load(p->normal), vec3_load(q->normal)) > 0.4f)
+                near += total[c] * exp(-(double) vec3_length(to)) / (2.0 * PELL_PI) * (double) q->power[c];
+        }
         if (x < -0.75)
-            REQUIRE_REL((double) f->light[i].light[c], phi, 0.15);
+            REQUIRE_REL((double) f->light[i].light[c] - near, phi, 0.15);
     }
 }
 
@@ -612,7 +619,7 @@ static void odd_solids_are_survived(void **state)
     solve(f, 0.3);
     for (size_t i = 0; i < f->count; i++)
         for (int c = 0; c < 3; c++) {
-            REQUIRE(isfinite(f->light[i].gain[c]) && isfinite(f->light[i].light[c]));
+            REQUIRE(isfinite(f->light[i].entered[c]) && isfinite(f->light[i].light[c]));
             REQUIRE(f->light[i].solved[c] >= 0.0f && f->light[i].solved[c] <= 1.0f);
             REQUIRE(f->light[i].light[c] == 0.0f);
         }

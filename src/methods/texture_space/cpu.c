@@ -432,7 +432,9 @@ static enum pell_result light_solid(struct ts_state *st, size_t index)
     const struct ts_atlas *a = solid->atlas;
     struct mapping p = { .st = st, .solid = solid };
     struct ts_chain_params chain = { .local = true };
-    uint64_t rest = st->services->settings->bounces > 0 ? PELL_LIGHT_INDIRECT : 0; /* light that is not blurred yet */
+    const struct pell_settings *settings = st->services->settings;
+    /* Light that is not blurred yet. What the engine adds for the solid is subtracted from indirect light. */
+    uint64_t rest = settings->bounces > 0 || settings->opposed ? PELL_LIGHT_INDIRECT : 0;
     const size_t last = last_transmitted(st);
     bool is_transmitted = false;
     enum pell_result res;

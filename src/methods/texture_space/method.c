@@ -103,7 +103,6 @@ static void plan(const void *values, struct pell_plan *plan)
                                  .quantity = PELL_QUANTITY_EXITANCE,
                                  .mix = k->mix,
                                  .local = true,
-                                 .around = true,
                                  .transmits = k->tsm != TS_TSM_OFF,
                                  .survives_light_change = true };
     if (k->first == TS_FIRST_UNBLURRED)

@@ -142,6 +142,12 @@ static float albedo_of(const struct task *t, int c, size_t at)
     return m->total[c] * (plain ? 1.0f : t->p->surface->base[c][at]);
 }
 
+/* All light that enters. */
+static float irradiance_at(const struct pell_lighting *l, int c, size_t at)
+{
+    return l->irradiance[c][at] + (l->entered[c] ? l->entered[c][at] : 0.0f);
+}
+
 /* Copies planes of the frame to layers, masked by coverage. */
 static void put_layers(const struct task *t, size_t at, int count, const struct pell_composite_lanes *l)
 {
@@ -153,7 +159,7 @@ static void put_layers(const struct task *t, size_t at, int count, const struct 
         put(t->out->transmission[c], at, count, l->transmission[c], p->weight, p->first);
         put(t->out->specular[c], at, count, l->specular[c], p->weight, p->first);
         for (int i = 0; i < count; i++)
-            masked[i] = l->on[i] > 0.0f ? p->lighting->irradiance[c][at + (size_t) i] : 0.0f;
+            masked[i] = l->on[i] > 0.0f ? irradiance_at(p->lighting, c, at + (size_t) i) : 0.0f;
         put(t->out->irradiance[c], at, count, masked, p->weight, p->first);
         for (int i = 0; i < count; i++)
             masked[i] = l->on[i] > 0.0f ? p->surface->ns[c][at + (size_t) i] : 0.0f;

@@ -149,6 +149,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     const bool radiance = p->radiance;
     float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], is_radiance[LANES],
         has_specular[LANES];
+    static const float no_light[LANES];
     float transmits[LANES], sheet[LANES], off[LANES];
     float arriving[LANES]; /* results are local until complete: no aliasing */
 
@@ -176,6 +177,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
 
     for (int c = 0; c < 3; c++) {
         const float *restrict e = p->lighting->irradiance[c] + at, *restrict transmitted = p->lighting->transmitted[c] + at;
+        const float *restrict entered = p->lighting->entered[c] ? p->lighting->entered[c] + at : no_light;
         const float *restrict spec = p->lighting->specular[c] + at, *restrict base = p->surface->base[c] + at;
         const float *light = p->exitance ? p->exitance[c] + at : e;
         float out[LANES], in[LANES], total[LANES], multiple[LANES], transmission[LANES], specular[LANES];
@@ -189,10 +191,13 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
             const float a = in[i] * metal[i], k = is_radiance[i] > 0.0f ? 1.0f : factor[i] * angle * out[i];
             /* All values are loaded, then selected: inactive ones may be NaN and must not be multiplied. */
             const float by_method = light[i], unspread = total[i] * e[i], through = k * transmitted[i], reflected = spec[i];
-            const float front = k * (scatters[i] > 0.0f ? by_method : unspread), all = e[i] + (sheet[i] > 0.0f ? transmitted[i] : 0.0f);
+            const float front = k * (scatters[i] > 0.0f ? by_method : unspread);
+            const float all = e[i] + entered[i] + (sheet[i] > 0.0f ? transmitted[i] : 0.0f);
             const float metered = luminance[c] * OF(metered[c]) * all / (a > 0.02f ? a : 0.02f);
-            multiple[i] = on[i] > 0.0f ? front : 0.0f;
-            transmission[i] = transmits[i] > 0.0f ? through : 0.0f;
+            /* Of the exitance of solved diffusion, what a half-space returns of the local light is not transmitted. */
+            const float returned = k * total[i] * entered[i], local = returned < through ? returned : through;
+            multiple[i] = on[i] > 0.0f ? front + local : 0.0f;
+            transmission[i] = transmits[i] > 0.0f ? through - local : 0.0f;
             specular[i] = on[i] > has_specular[i] ? reflected : 0.0f;
             arriving[i] += on[i] > 0.0f ? metered : 0.0f;
         }

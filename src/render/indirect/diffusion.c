@@ -19,9 +19,10 @@
  * The equation is solved (equation.c) at collocation points for equal areas, 0.4 diffusion lengths 1/kappa apart or a quarter of the
  * thickness, the same for all channels.
  *
- * A method finds M, the sum of the profile over the faces that it sees, normalized by the same sum under uniform light; or, if it
- * integrates over the whole solid, the sum of profile_sum.h. Its detail is kept: entering light, or what the method finds, is scaled by
- * phi/M. Light beyond the factor MAX_GAIN was transmitted, and is added without detail.
+ * phi lacks what is finer than the distance of points. A method adds that: it spreads the entering light less its average over points,
+ * and phi is added to the result, as in a coarse-grid correction. Light that enters where diffusion is not solved is left out here, and
+ * remains for the method. A method that integrates over the whole solid finds M, the sum of
+ * profile_sum.h: its result is scaled by phi/M, up to MAX_GAIN, and the rest is added without detail.
  */
 #include "render/indirect/equation.h"
 #include "render/indirect/internal.h"
@@ -35,24 +36,22 @@ enum { SAMPLES_PER_TASK = 256, MIN_POINTS = 800, MAX_POINTS = 4096, POINTS_PER_T
 #define STEP 0.4f             /* distance of points, in diffusion lengths */
 #define MIN_STEP 1.2f         /* least distance of points over that of samples */
 #define CLUSTER_DISTANCE 6.0f /* steps: distance beyond which clusters replace points */
-#define METHOD_REACH 8.0f     /* diffusion lengths over which a method gathers light */
 #define RESOLVED 0.7f         /* value of STEP up to which a channel is resolved, */
 #define UNRESOLVED 1.2f       /* and from which it is not solved */
 #define TOTAL_MIN 0.02f       /* total of a profile below which light scatters too rarely for diffusion, */
 #define TOTAL_FULL 0.06f      /* and from which diffusion holds; */
 #define TOTAL_MAX 0.999       /* above this nothing is absorbed */
 #define MIN_DISTANCE 0.3f     /* steps: least distance assumed between points on opposite sides of a thin part */
-#define WINDOW 2.5f           /* steps: window in which the profile's sum is corrected */
+#define WINDOW 2.5f           /* steps: window in which sums over points are corrected */
 #define SMOOTH 1.6f           /* steps: interpolation radius, */
 #define MAX_OFFSET 1.5f       /* and largest distance of a sample from its point */
 #define MEAN_COSINE 0.93f     /* mean cosine of light that propagates inward, with its angular spread */
-#define MAX_GAIN 1.1f         /* largest factor of entering light, */
-#define MAX_GAIN_WHOLE 3.0f   /* and of the result of methods that integrate over the whole solid */
+#define MAX_GAIN 3.0f         /* largest factor of the result of methods that integrate over the whole solid */
 #define THIN 2.0f             /* steps: thickness up to which a part is not solved, */
 #define THICK 4.0f            /* and from which it is */
 
 #define PATHS_MIN 1.2f  /* mean free paths: thickness up to which light is scattered too rarely, */
-#define PATHS_FULL 2.0f /* and from which diffusion holds */
+#define PATHS_FULL 2.8f /* and from which diffusion holds */
 
 /* Mean free paths: blur of the two source depths, each of which represents a range of depths. */
 static const float blur[2] = { 0.6f, 1.2f };
@@ -64,6 +63,7 @@ struct solid {
     struct collocation_points points;
     struct equation equation;
     float solved[3];                               /* per channel: confidence of the solution, [0, 1] */
+    double *method_exitance[3];                    /* with input->profile_sum: M at the points */
     uint32_t *first_neighbour, *neighbour_cluster; /* per cluster, plus one for the end: clusters from which its samples are interpolated */
     struct indirect_solid_light *out;
 };
@@ -132,8 +132,6 @@ static void set_channel(struct solid *s, int c)
     if (!q->active)
         return;
     s->solved[c] = (1.0f - ramp(RESOLVED, UNRESOLVED, step * q->kappa)) * ramp(TOTAL_MIN, TOTAL_FULL, q->total);
-    q->window_total = (float) (total * pell_profile_cdf(profile, (double) (WINDOW * step)));
-    radial_make(&q->radial, profile, 0.1f * step, fmaxf(METHOD_REACH / q->kappa, e->near));
 }
 
 /* Harmonic mean of the thickness, mm, over the area where diffusion holds. */
@@ -174,7 +172,17 @@ static float choose_step(const struct indirect_solid *of)
     return (double) step < (double) UNRESOLVED * longest ? step : 0.0f;
 }
 
-/* Averages the entering light, and its components, over each point and cluster. */
+/* Confidence of the solution at a sample, by the thickness of its part. */
+static float solved_at(const struct solid *s, size_t i, int c)
+{
+    const float thickness = s->input->thickness[i];
+
+    return s->solved[c] * ramp(THIN, THICK, thickness / s->points.step) *
+           ramp(PATHS_MIN, PATHS_FULL, thickness / s->input->opposed->depth[c]);
+}
+
+/* Averages the entering light, and its components, over each point and cluster. A method spreads the light that enters where diffusion is
+ * not solved; all other light is solved, also where it leaves from thin parts. */
 static void find_light(const struct solid *s, int c)
 {
     const struct collocation_points *p = &s->points;
@@ -185,9 +193,10 @@ static void find_light(const struct solid *s, int c)
     memset(single, 0, p->count * sizeof(*single));
     for (size_t i = 0; i < p->num_samples; i++)
         if (p->point_of[i] != COLLOCATION_NONE) {
-            light[p->point_of[i]] += (double) p->sample[i].power[c];
-            source[p->point_of[i]] += (double) s->input->source[i][c];
-            single[p->point_of[i]] += s->input->single ? (double) s->input->single[i][c] : 0.0;
+            const double weight = s->input->profile_sum ? 1.0 : (double) solved_at(s, i, c);
+            light[p->point_of[i]] += weight * (double) p->sample[i].power[c];
+            source[p->point_of[i]] += weight * (double) s->input->source[i][c];
+            single[p->point_of[i]] += s->input->single ? weight * (double) s->input->single[i][c] : 0.0;
         }
     for (uint32_t i = 0; i < p->count; i++) {
         const double per_area = p->point[i].area > 0.0f ? 1.0 / (double) p->point[i].area : 0.0;
@@ -317,7 +326,7 @@ static enum pell_result find_neighbours(struct solid *s)
 struct moments {
     struct pell_vec3 t, b; /* tangents */
     struct slope_sums at;
-    float phi[3][3], sum[3][3];
+    float phi[3][3], entered[3][3], sum[3][3];
 };
 
 static inline void add_moments(float sum[3], float w, float x, float y, float value)
@@ -352,7 +361,9 @@ static void add_cluster(const struct solid *s, const struct cluster *cluster, st
             if (!q->active)
                 continue;
             add_moments(a->phi[c], w, x, y, (float) q->phi[j]);
-            add_moments(a->sum[c], w, x, y, (float) q->method_exitance[j]);
+            add_moments(a->entered[c], w, x, y, (float) q->light[j]);
+            if (s->input->profile_sum)
+                add_moments(a->sum[c], w, x, y, (float) s->method_exitance[c][j]);
         }
     }
 }
@@ -371,7 +382,6 @@ static void interpolate_sample(const struct solid *s, size_t i)
     const struct collocation_points *p = &s->points;
     const struct pell_vec3 at = vec3_load(p->sample[i].position), normal = vec3_load(p->sample[i].normal);
     const uint32_t own_cluster = p->point[p->point_of[i]].cluster;
-    const float max_gain = s->input->profile_sum ? MAX_GAIN_WHOLE : MAX_GAIN;
     struct moments a = { .at = { .one = 0.0f } };
     float slope[2], weight;
 
@@ -387,16 +397,19 @@ static void interpolate_sample(const struct solid *s, size_t i)
     weight = a.at.one + slope[0] * a.at.x + slope[1] * a.at.y;
     for (int c = 0; c < 3 && weight > 0.0f; c++) {
         const float phi = fmaxf(weighted_sum(a.phi[c], slope), 0.0f), sum = weighted_sum(a.sum[c], slope);
-        const float gain = sum > 0.0f ? fminf(phi / sum, max_gain) : max_gain;
         struct indirect_solid_light *out = &s->out[i];
         if (!s->equation.channel[c].active)
             continue;
-        out->solved[c] = s->solved[c] * ramp(THIN, THICK, s->input->thickness[i] / p->step) *
-                         ramp(PATHS_MIN, PATHS_FULL, s->input->thickness[i] / s->input->opposed->depth[c]);
-        out->gain[c] = gain;
-        out->light[c] = fmaxf(phi - gain * sum, 0.0f) / weight;
+        out->solved[c] = solved_at(s, i, c);
         out->exitance[c] = phi / weight;
-        out->deep[c] = s->input->profile_sum ? depth_fraction(s, i, c, out->exitance[c]) : 1.0f;
+        out->deep[c] = depth_fraction(s, i, c, out->exitance[c]);
+        if (s->input->profile_sum) {
+            out->gain[c] = sum > 0.0f ? fminf(phi / sum, MAX_GAIN) : MAX_GAIN;
+            out->light[c] = fmaxf(phi - out->gain[c] * sum, 0.0f) / weight;
+        } else {
+            out->entered[c] = fmaxf(weighted_sum(a.entered[c], slope), 0.0f) / weight;
+            out->light[c] = out->exitance[c];
+        }
     }
 }
 
@@ -427,28 +440,36 @@ static void method_chunk(void *arg, int chunk, int worker)
         indirect_profile_sum_at(s->input->profile_sum, position, normal, result);
         for (int c = 0; c < 3; c++)
             if (s->equation.channel[c].active)
-                s->equation.channel[c].method_exitance[i] = (double) result[c];
+                s->method_exitance[c][i] = (double) result[c];
     }
 }
 
 /* Solves for phi of each channel; those that do not converge are deactivated. */
-static void solve_channels(struct solid *s)
+static enum pell_result solve_channels(struct solid *s)
 {
     struct equation *e = &s->equation;
     const uint32_t n = s->points.count;
 
     equation_fill(e);
-    if (s->input->profile_sum)
+    if (s->input->profile_sum) {
+        double *all = pell_alloc_array(s->ctx, n, 3 * sizeof(*all));
+        if (!all)
+            return PELL_ERR_NOMEM;
+        for (size_t c = 0; c < 3; c++)
+            s->method_exitance[c] = all + c * n;
         pell_pool_run(s->pool, (int) ((n + POINTS_PER_TASK - 1) / POINTS_PER_TASK), method_chunk, s);
+    }
     for (int c = 0; c < 3; c++) {
         struct equation_channel *q = &e->channel[c];
         if (!q->active)
             continue;
-        memcpy(q->phi, q->method_exitance, n * sizeof(*q->phi));
+        for (uint32_t i = 0; i < n; i++)
+            q->phi[i] = 0.0;
         q->active = equation_solve(e, q);
         if (q->active)
             add_local_part(s, s->input->slope[c], q);
     }
+    return PELL_OK;
 }
 
 enum pell_result indirect_diffusion_solve(struct pell_context *ctx, struct pell_pool *pool, const struct indirect_solid *solid,
@@ -470,7 +491,6 @@ enum pell_result indirect_diffusion_solve(struct pell_context *ctx, struct pell_
     s->equation.ctx = ctx;
     s->equation.pool = pool;
     s->equation.points = &s->points;
-    s->equation.along_surface = solid->along_surface;
     s->equation.near = CLUSTER_DISTANCE * step;
     s->equation.window2 = WINDOW * WINDOW * step * step;
     s->equation.min_distance2 = MIN_DISTANCE * MIN_DISTANCE * step * step;
@@ -485,7 +505,7 @@ enum pell_result indirect_diffusion_solve(struct pell_context *ctx, struct pell_
             if (s->equation.channel[c].active)
                 find_light(s, c);
         PELL_TRY(find_source_directions(s));
-        solve_channels(s);
+        PELL_TRY(solve_channels(s));
         pell_pool_run(pool, (int) ((solid->count + SAMPLES_PER_TASK - 1) / SAMPLES_PER_TASK), interpolate_chunk, s);
     }
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
@@ -493,6 +513,7 @@ enum pell_result indirect_diffusion_solve(struct pell_context *ctx, struct pell_
 fail:
     equation_finish(&s->equation);
     indirect_collocation_finish(&s->points);
+    pell_free(ctx, s->method_exitance[0]);
     pell_free(ctx, s->first_neighbour);
     pell_free(ctx, s->neighbour_cluster);
     pell_free(ctx, s);

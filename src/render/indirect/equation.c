@@ -13,11 +13,7 @@
 #include <string.h>
 
 enum { CHUNK = 32, MAX_STEPS = 60 };
-#define MIN_FACING 0.3f   /* least cosine of normals on one surface */
-#define VISIBLE_LOW 0.4f  /* cosine of normals from which methods start to see both faces, */
-#define VISIBLE_HIGH 0.9f /* and from which they see them fully; */
-#define AROUND_LOW -1.0f
-#define AROUND_HIGH 1.0f /* the same for methods that gather along the surface */
+#define MIN_FACING 0.3f  /* least cosine of normals on one surface */
 #define MIN_RADIUS2 0.8f /* of the squared radius of an element's area: least squared distance at which it is treated as a point */
 #define MIN_OWN                                                                                                                            \
     0.5f                 /* least diagonal entry, as a fraction of the disc integral of the point's own area: for points next to a
@@ -143,7 +139,7 @@ static enum pell_result make_room(struct equation *e, size_t entries)
     float *floats = e->values =
         pell_alloc_array(e->ctx, PELL_COUNT(element_arrays) * patches + channels * (3 * patches + entries), sizeof(*floats));
     double *doubles = e->numbers =
-        pell_alloc_array(e->ctx, (MAX_STEPS + 1) * n + patches + channels * (4 * n + 3 * patches), sizeof(*doubles));
+        pell_alloc_array(e->ctx, (MAX_STEPS + 1) * n + patches + channels * (3 * n + 3 * patches), sizeof(*doubles));
 
     if (!floats || !doubles)
         return PELL_ERR_NOMEM;
@@ -161,8 +157,7 @@ static enum pell_result make_room(struct equation *e, size_t entries)
         q->single = q->source + patches;
         q->rhs = q->single + patches;
         q->phi = q->rhs + n;
-        q->method_exitance = q->phi + n;
-        q->point_source = q->method_exitance + n;
+        q->point_source = q->phi + n;
         doubles = q->point_source + n;
         q->curvature_factor = floats;
         q->source_depth[0] = q->curvature_factor + patches;
@@ -215,16 +210,16 @@ void equation_finish(struct equation *e)
 
 /* Sums over the elements of a row, the same for all channels. */
 struct surroundings {
-    float area, visible_area; /* mm^2: of the points nearby, and the part of it that methods see */
-    float double_layer0;      /* integral of dG/dn without absorption */
+    float area;          /* mm^2: of the points nearby */
+    float double_layer0; /* integral of dG/dn without absorption */
 };
 
 /* Sums of a row of one channel. */
 struct row {
     uint32_t point;
     float inward; /* component of its light's direction along the inward normal */
-    float single_layer, from_sources, own_sources, near_profile, profile;
-    double rhs, method_exitance;
+    float single_layer, from_sources, own_sources;
+    double rhs;
 };
 
 /* Int exp(-kappa r)/(4 pi r) over a disc, seen from a point on its axis: (exp(-kappa z) - exp(-kappa r'))/(2 kappa), z the distance to
@@ -253,44 +248,21 @@ static float source_kernel_disc(const struct equation_channel *q, uint32_t i, fl
            q->path_weight[1] * disc_integral(q->kappa, area, inward * q->source_depth[1][i]);
 }
 
-/* Fraction of a face, by the cosine of the normals, that a method gathers from. */
-static float visible_fraction(const struct equation *e, float facing)
-{
-    return e->along_surface ? ramp(AROUND_LOW, AROUND_HIGH, facing) : ramp(VISIBLE_LOW, VISIBLE_HIGH, facing);
-}
-
-/* Squared distance along the surface over that along the chord, by the cosine of the angle t between the normals: for an arc,
- * (t/2)^2/sin^2(t/2), as a series in sin^2(t/2). */
-static float arc_factor(float facing)
-{
-    const float h = fminf(fmaxf(0.5f - 0.5f * facing, 0.0f), 1.0f);
-
-    return 1.0f + h * (1.0f / 3.0f + h * (8.0f / 45.0f + h * (4.0f / 35.0f + h * (128.0f / 1575.0f + h * (128.0f / 2079.0f)))));
-}
-
 /* Adds a block's entries to the sums. `diagonal`: the entry of the point itself. */
 static void add_block(const struct equation *e, const struct equation_channel *q, const struct equation_block *b, uint32_t first,
                       uint32_t count, uint32_t diagonal, struct row *row)
 {
-    const double *light = q->light + first, *source = q->source + first;
+    const double *source = q->source + first;
 
     for (uint32_t i = 0; i < count; i++) {
-        const float visible = visible_fraction(e, b->facing[i]), r2 = e->along_surface ? b->r2[i] * arc_factor(b->facing[i]) : b->r2[i];
-        float term = 0.0f;
         row->rhs += i == diagonal ? 0.0 : (double) b->from_sources[i] * source[i];
         if (i == diagonal) {
             row->own_sources = b->from_sources[i];
             continue;
         }
-        if (visible > 0.0f) {
-            term = visible * radial_at(&q->radial, r2) * e->patches.area[first + i];
-            row->method_exitance += (double) term * light[i];
-            row->profile += term;
-        }
         if (b->r2[i] < e->window2 && b->facing[i] > MIN_FACING) {
             row->single_layer += b->single_layer[i];
             row->from_sources += e->patches.area[first + i] * source_kernel(q, row->point, row->inward, b->distance2[i]);
-            row->near_profile += term;
         }
     }
 }
@@ -326,10 +298,8 @@ static void add_surroundings(const struct equation *e, const struct equation_blo
         if (i == diagonal)
             continue;
         around->double_layer0 += b->double_layer0[i];
-        if (b->r2[i] < e->window2 && b->facing[i] > MIN_FACING) {
+        if (b->r2[i] < e->window2 && b->facing[i] > MIN_FACING)
             around->area += area;
-            around->visible_area += visible_fraction(e, b->facing[i]) * area;
-        }
     }
 }
 
@@ -344,13 +314,9 @@ static void finish_row(const struct equation *e, struct equation_channel *q, uin
                                                                               * light moves elsewhere */
     const float from_sources = source_kernel_disc(q, i, row->inward, around->area) - row->from_sources -
                                moved * source_kernel_disc(q, i, row->inward, e->patches.area[i]);
-    const float term = fmaxf(q->window_total * around->visible_area / (PELL_PI_F * e->window2) - row->near_profile, 0.0f);
-    /* Methods that see only a part of the profile normalize by that part. */
-    const float profile = row->profile + term;
     float missing = -0.5f - around->double_layer0;
 
     q->rhs[i] = (row->rhs + (double) fmaxf(from_sources, 0.0f) * q->point_source[i]) * (double) (q->source_scale / q->s);
-    q->method_exitance[i] = profile > 0.0f ? (row->method_exitance + (double) term * q->light[i]) * (double) (q->total / profile) : 0.0;
     /* On a closed surface of uniform fluence dG/dn sums to -1/2. Where the surface is open, the diagonal is that of a plane. */
     missing = missing < 0.0f ? missing * (1.0f - ramp(CLOSED_MAX, OPEN_MIN, -missing)) : fminf(missing, 0.5f);
     q->matrix[diagonal] = q->curvature_factor[i] * (0.5f + missing) + single_layer / q->s;
@@ -365,7 +331,7 @@ static void fill_row(struct equation *e, uint32_t i)
     struct equation_block b;
     struct row row[3] = { { .rhs = 0.0 } };
     const float inward = -(x->normal.x * e->patches.wx[i] + x->normal.y * e->patches.wy[i] + x->normal.z * e->patches.wz[i]);
-    struct surroundings around = { .area = x->area, .visible_area = x->area };
+    struct surroundings around = { .area = x->area };
     double rhs[3] = { 0.0 };
     struct edges edges;
     uint32_t at = e->first_entry[i], diagonal = at;

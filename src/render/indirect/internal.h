@@ -73,14 +73,15 @@ struct indirect_near {
 /* Result of diffusion.c at a point, for R, G and B. */
 struct indirect_solid_light {
     float solved[3];   /* [0, 1]: confidence of the values below */
-    float gain[3];     /* factor of entering light, or of the result of methods that integrate over the whole solid, */
-    float light[3];    /* and radiant exitance that is added, W/m^2; */
+    float entered[3];  /* W/m^2: entering light that `light` accounts for; 0 for methods that integrate over the whole solid, */
+    float gain[3];     /* which have a factor of their result instead; */
+    float light[3];    /* W/m^2: radiant exitance that is added; */
     float exitance[3]; /* total radiant exitance, */
-    float deep[3];     /* and fraction of the scaled and added light that comes from the depth */
+    float deep[3];     /* and fraction of it that comes from the depth */
 };
 
 /* Values that points interpolate from knots; two cache lines. */
-#define INDIRECT_INSIDE 28
+#define INDIRECT_INSIDE 32
 union indirect_inside {
     struct pell_indirect_inside value;
     float all[32];
@@ -250,7 +251,7 @@ PELL_NODISCARD enum pell_result indirect_specular_light(struct pell_indirect *in
 
 /* Samples of one solid and material. */
 struct indirect_solid {
-    const struct pell_surface_sample *samples; /* power without the scale for curvature */
+    const struct pell_surface_sample *samples; /* power without the scale for curvature, with albedo^m */
     const float (*source)[3]; /* part of their power that goes into the depth: unscaled, and without the surplus that oblique incidence
                                * returns; */
     const float (*single)[3]; /* and the part that accounts for single scattering; NULL: none */
@@ -259,9 +260,7 @@ struct indirect_solid {
     size_t count;
     const struct pell_profile *profile;    /* for R, G and B */
     const struct pell_opposed *opposed;    /* model of transmission between faces */
-    const struct profile_sum *profile_sum; /* result of methods that integrate over the whole solid; NULL: the method gathers
-                                                     * from visible faces, */
-    bool along_surface;                    /* or with along_surface from all faces, by distance along the surface */
+    const struct profile_sum *profile_sum; /* result of methods that integrate over the whole solid; NULL: the method does not */
     float spacing;                         /* distance between samples, mm */
 };
 /* Writes out[i] for sample i; `solved` is 0 where the samples are too coarse for a channel's light. */

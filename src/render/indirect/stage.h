@@ -71,17 +71,17 @@ struct pell_indirect_solid {
     float white[3];                     /* factor where light leaves */
     float refracted;                    /* mean cosine of diffuse light after refraction */
     float slope[3];                     /* surplus that oblique incidence returns: 1 + slope (1 - m) (render/angle.h) */
-    const struct pell_profile *profile; /* for R, G and B: the method gathers by it over visible faces, */
-    bool along_surface;                 /* or over all faces, by distance along the surface, */
-    bool whole_solid;                   /* or over the whole solid, corrected by `opposed` */
+    const struct pell_profile *profile; /* for R, G and B */
+    bool whole_solid;                   /* the method integrates over the whole solid, corrected by `opposed` */
     bool beams;
     bool between_faces; /* transport between faces is summed where diffusion is not solved */
 };
 /* Computes the light inside the solids, from entry to exit: by diffusion where the samples are dense enough (Decision 37), else by a sum
- * between faces of different orientation (optics/medium/opposed.h), except with `whole_solid`. */
+ * between faces of different orientation (optics/medium/opposed.h), except with `whole_solid`. `mix`: as in struct pell_plan, for light
+ * that enters coloured surfaces. */
 PELL_NODISCARD enum pell_result pell_indirect_solve_solids(struct pell_indirect *indirect, struct pell_pool *pool,
                                                            const struct pell_indirect_lights *lights,
-                                                           const struct pell_indirect_solid *solid);
+                                                           const struct pell_indirect_solid *solid, float mix);
 
 /* Light inside a solid, at a point of a triangle. */
 struct pell_indirect_inside {
@@ -90,10 +90,11 @@ struct pell_indirect_inside {
     float transmitted[3]; /* radiant exitance from faces of different orientation, W/m^2, without the local albedo, times `sum_weight` */
     float solved[3];  /* [0, 1]: weight of the solved diffusion below, which replaces `transmitted`, T, and, except with `whole_solid`, the
                        * effect of curvature */
-    float gain[3];    /* factor of the entering light, or with `whole_solid` of the method's result, times `solved`; */
-    float light[3];   /* and radiant exitance that is added, W/m^2, without the local albedo, times `solved` */
+    float gain[3];    /* with `whole_solid`: factor of the method's result, times `solved`; */
+    float light[3];   /* radiant exitance that is added, W/m^2, with albedo^m where light entered (with `whole_solid` times `solved`); */
     float tilt[3][3]; /* of the light from the depth, see tilt.c; */
-    float deep[3];    /* [0, 1]: fraction that leaves as from thick parts */
+    float deep[3];    /* [0, 1]: fraction that leaves as from thick parts; */
+    float entered[3]; /* without `whole_solid`: irradiance, times albedo^m, that `light` accounts for */
 };
 /* Forward-scattered light at such a point. */
 struct pell_indirect_beam {
@@ -106,7 +107,7 @@ struct pell_indirect_beam {
 /* The same for 16 points. */
 struct pell_indirect_insides {
     _Alignas(64) float sum_weight[3][16],
-        transmitted[3][16], solved[3][16], gain[3][16], light[3][16], tilt[3][3][16], deep[3][16], none[16];
+        transmitted[3][16], solved[3][16], gain[3][16], light[3][16], tilt[3][3][16], deep[3][16], entered[3][16], none[2][16];
     float beam[3][16], direction[3][3][16], spacing[16], cosine[3][16];
     bool beams; /* false: the arrays above are not written */
 };

@@ -40,7 +40,9 @@ struct transport {
     struct pell_indirect *in;
     const struct pell_indirect_lights *lights;
     const struct pell_indirect_solid *solid; /* per scene material */
+    float mix;                               /* as in struct pell_plan */
     struct pell_surface_sample *sample;      /* per sample of the stage; power without the scale for curvature */
+    float (*albedo)[3];                      /* per sample: albedo^m; 1 with whole_solid */
     float (*gain)[3], (*crossed)[3];         /* curvature/stage.h */
     bool *lit;
     float (*sum_weight)[3], *thickness; /* per sample; thickness in mm */
@@ -95,30 +97,32 @@ static void set_sum_weight(const struct pell_indirect_solid *as, float thinness,
 /* --- Entering light ------------------------------------------------------------------------------------------------------------------- */
 
 /* Computes the light that goes into the depth: without the scale for curvature, without the single scattering of diffuse light, and
- * without the surplus that a half-space returns of oblique light, since that results from its path along the surface. */
+ * without the surplus that a half-space returns of oblique light, since that results from its path along the surface. `shifted` and
+ * `single` are parts of a sample's power. */
 static void split_source(const struct transport *s, const struct indirect_sample *q, const struct pell_surface_sample *p,
                          float shifted[3][PACKET], float single[3][PACKET], size_t i, float source[3])
 {
     const float obliquity = fmaxf(1.0f + vec3_dot(q->normal, vec3_load(p->direction)), 0.0f);
 
     for (int c = 0; c < 3; c++)
-        source[c] = p->power[c] > 0.0f ? fmaxf(p->power[c] - (shifted[c][i] + single[c][i]) * p->area, 0.0f) /
-                                             (1.0f + s->solid[q->material].slope[c] * obliquity)
-                                       : 0.0f;
+        source[c] = p->power[c] > 0.0f
+                        ? fmaxf(p->power[c] - shifted[c][i] - single[c][i], 0.0f) / (1.0f + s->solid[q->material].slope[c] * obliquity)
+                        : 0.0f;
 }
 
 static void enter16(const struct transport *s, size_t first, size_t count)
 {
     const struct pell_indirect *in = s->in;
-    float irradiance[3][PACKET], gain[3][PACKET], crossed[3][PACKET], shifted[3][PACKET], single[3][PACKET], direction[3][PACKET],
-        curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET], diffuse[PACKET];
+    float irradiance[3][PACKET], albedo[3][PACKET], gain[3][PACKET], crossed[3][PACKET], shifted[3][PACKET], single[3][PACKET],
+        direction[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET], diffuse[PACKET];
     uint32_t mesh[PACKET], triangle[PACKET], seed[PACKET];
     bool valid[PACKET];
     const struct pell_points_params params = {
-        .mix = 0.0f, .spacing = in->samples[first].spacing, .samples = 1, .opposed = true, .flat = true
+        .mix = s->mix, .spacing = in->samples[first].spacing, .samples = 1, .opposed = true, .flat = true
     };
     const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .seed = seed };
     const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
+                                            .albedo = { albedo[0], albedo[1], albedo[2] },
                                             .gain = { gain[0], gain[1], gain[2] },
                                             .crossed = { crossed[0], crossed[1], crossed[2] },
                                             .shifted = { shifted[0], shifted[1], shifted[2] },
@@ -148,11 +152,15 @@ static void enter16(const struct transport *s, size_t first, size_t count)
         vec3_store(q->position, p->position);
         vec3_store(q->normal, p->normal);
         for (int c = 0; c < 3; c++) {
-            p->power[c] = valid[i] ? irradiance[c][i] * p->area : 0.0f;
+            const float scale = valid[i] && albedo[c][i] > 0.0f ? p->area / albedo[c][i] : 0.0f;
+            s->albedo[first + i][c] = valid[i] ? albedo[c][i] : 0.0f;
+            shifted[c][i] *= scale;
+            single[c][i] *= scale;
+            p->power[c] = irradiance[c][i] * scale;
             p->direction[c] = valid[i] ? direction[c][i] : 0.0f;
             s->gain[first + i][c] = gain[c][i];
             s->crossed[first + i][c] = crossed[c][i];
-            s->single[first + i][c] = valid[i] ? single[c][i] * p->area : 0.0f;
+            s->single[first + i][c] = valid[i] ? single[c][i] : 0.0f;
         }
         split_source(s, q, p, shifted, single, i, s->source[first + i]);
         s->diffuse[first + i] = valid[i] ? diffuse[i] : 0.0f;
@@ -403,9 +411,7 @@ static enum pell_result solve_solid(struct transport *s, struct pell_pool *pool,
 {
     struct pell_indirect *in = s->in;
     const struct pell_indirect_solid *as = &s->solid[in->samples[s->list[0]].material];
-    struct indirect_solid solid = {
-        .profile = as->profile, .opposed = &as->opposed, .profile_sum = profile_sum, .along_surface = as->along_surface, .count = s->count
-    };
+    struct indirect_solid solid = { .profile = as->profile, .opposed = &as->opposed, .profile_sum = profile_sum, .count = s->count };
     struct pell_surface_sample *lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
     struct indirect_solid_light *light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
     float *thickness = pell_alloc_array(in->ctx, s->count, sizeof(*thickness));
@@ -418,8 +424,12 @@ static enum pell_result solve_solid(struct transport *s, struct pell_pool *pool,
     for (size_t i = 0; i < s->count; i++) {
         lit[i] = s->sample[s->list[i]];
         thickness[i] = s->thickness[s->list[i]];
-        memcpy(source[i], s->source[s->list[i]], sizeof(source[i]));
-        memcpy(single[i], s->single[s->list[i]], sizeof(single[i]));
+        for (int c = 0; c < 3; c++) {
+            const float albedo = s->albedo[s->list[i]][c];
+            lit[i].power[c] *= albedo;
+            source[i][c] = albedo * s->source[s->list[i]][c];
+            single[i][c] = albedo * s->single[s->list[i]][c];
+        }
         solid.spacing = fmaxf(solid.spacing, in->samples[s->list[i]].spacing);
     }
     solid.samples = lit;
@@ -528,15 +538,18 @@ fail:
 static float exitance_at(const struct transport *s, uint32_t sample, int c)
 {
     const struct indirect_solid_light *from = &s->light[sample];
+    const bool whole_solid = s->solid[s->in->samples[sample].material].whole_solid;
 
-    return from->solved[c] * from->exitance[c] + (1.0f - from->solved[c]) * s->in->gathered[sample][c];
+    return (whole_solid ? from->solved[c] : 1.0f) * from->exitance[c] + (1.0f - from->solved[c]) * s->in->gathered[sample][c];
 }
 
 /* Adds a sample to a value, with this weight. */
 static void blend(const struct transport *s, uint32_t sample, float weight, struct pell_indirect_inside *to)
 {
     const struct indirect_solid_light *from = &s->light[sample];
-    const struct pell_opposed *opposed = &s->solid[s->in->samples[sample].material].opposed;
+    const struct pell_indirect_solid *solid = &s->solid[s->in->samples[sample].material];
+    const struct pell_opposed *opposed = &solid->opposed;
+    const bool whole_solid = solid->whole_solid;
 
     for (int c = 0; c < 3; c++) {
         const float solved = weight * from->solved[c];
@@ -546,8 +559,9 @@ static void blend(const struct transport *s, uint32_t sample, float weight, stru
             to->deep[c] += weight * (1.0f + from->solved[c] * (from->deep[c] - 1.0f)) *
                            fminf(PASSED_FRACTION * s->thickness[sample] / opposed->depth[c], 1.0f);
         to->solved[c] += solved;
+        to->entered[c] += weight * from->entered[c];
         to->gain[c] += solved * from->gain[c];
-        to->light[c] += solved * from->light[c];
+        to->light[c] += (whole_solid ? solved : weight) * from->light[c];
     }
 }
 
@@ -574,8 +588,8 @@ static void set_tilt(const struct transport *s, const struct indirect_near *near
             light[k][c] = exitance_at(s, near->sample[k], c);
     indirect_tilt(s->in, near, &solid->opposed, light, to->tilt, along_surface);
     for (int c = 0; c < 3; c++) {
-        for (int k = 0; k < 3 && solid->whole_solid; k++)
-            to->tilt[c][k] *= to->deep[c]; /* the method's result is not only light from the depth */
+        for (int k = 0; k < 3; k++)
+            to->tilt[c][k] *= to->deep[c]; /* the rest has the distribution of half-spaces */
         to->deep[c] *= 1.0f - along_surface[c];
     }
 }
@@ -632,14 +646,15 @@ static enum pell_result create_beams(struct transport *s)
 }
 
 enum pell_result pell_indirect_solve_solids(struct pell_indirect *in, struct pell_pool *pool, const struct pell_indirect_lights *lights,
-                                            const struct pell_indirect_solid *solid)
+                                            const struct pell_indirect_solid *solid, float mix)
 {
     const size_t n = in->num_samples;
-    struct transport s = { .in = in, .lights = lights, .solid = solid };
+    struct transport s = { .in = in, .lights = lights, .solid = solid, .mix = mix };
     uint32_t *list = pell_alloc_array(in->ctx, n, sizeof(*list));
     enum pell_result res = PELL_ERR_NOMEM;
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
+    s.albedo = pell_alloc_array(in->ctx, n, sizeof(*s.albedo));
     s.gain = pell_alloc_array(in->ctx, n, sizeof(*s.gain));
     s.crossed = pell_alloc_array(in->ctx, n, sizeof(*s.crossed));
     s.source = pell_alloc_array(in->ctx, n, sizeof(*s.source));
@@ -649,8 +664,8 @@ enum pell_result pell_indirect_solve_solids(struct pell_indirect *in, struct pel
     s.sum_weight = pell_calloc(in->ctx, n, sizeof(*s.sum_weight));
     s.thickness = pell_calloc(in->ctx, n, sizeof(*s.thickness));
     s.light = pell_calloc(in->ctx, n, sizeof(*s.light));
-    if (!list || !s.sample || !s.gain || !s.crossed || !s.source || !s.single || !s.diffuse || !s.lit || !s.sum_weight || !s.thickness ||
-        !s.light)
+    if (!list || !s.sample || !s.albedo || !s.gain || !s.crossed || !s.source || !s.single || !s.diffuse || !s.lit || !s.sum_weight ||
+        !s.thickness || !s.light)
         goto fail;
     PELL_TRY(create_beams(&s));
     memset(in->gathered, 0, n * sizeof(*in->gathered));
@@ -664,6 +679,7 @@ enum pell_result pell_indirect_solve_solids(struct pell_indirect *in, struct pel
 fail:
     pell_free(in->ctx, list);
     pell_free(in->ctx, s.sample);
+    pell_free(in->ctx, s.albedo);
     pell_free(in->ctx, s.gain);
     pell_free(in->ctx, s.crossed);
     pell_free(in->ctx, s.source);

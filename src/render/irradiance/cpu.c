@@ -19,7 +19,7 @@
 
 #define TILE_W 32
 #define TILE_H 16
-#define PLANES 6
+#define PLANES 7
 #define LINE 16                                /* floats per cache line; a tile has as many lines per plane as packets */
 #define PACKETS (TILE_W * TILE_H / PELL_LANES) /* per tile */
 #define BLOCK 4                                /* packets are blocks of 4 x 4 pixels, whose rays are most coherent */
@@ -444,7 +444,7 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
 /* The light of a tile's pixels, before it is copied to the planes in whole cache lines. Writing each packet directly to the planes would
  * take longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
 struct tile {
-    _Alignas(64) float planes[PLANES][3][TILE_H * TILE_W]; /* irradiance, transmitted, specular, single, hidden, lost */
+    _Alignas(64) float planes[PLANES][3][TILE_H * TILE_W]; /* irradiance, transmitted, specular, single, hidden, lost, entered */
     float path[TILE_H * TILE_W];
 };
 
@@ -453,9 +453,9 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
 {
     const ptrdiff_t stride = job->p->surface->stride;
     const int rows = job->rect.y1 - y0 < TILE_H ? job->rect.y1 - y0 : TILE_H;
-    float *const *const planes[PLANES] = { job->out->irradiance, job->out->transmitted, job->out->specular,
-                                           job->out->single,     job->out->hidden,      job->out->lost };
-    const bool enabled[PLANES] = { true, true, true, job->p->separate, job->p->shared, job->p->shared };
+    float *const *const planes[PLANES] = { job->out->irradiance, job->out->transmitted, job->out->specular, job->out->single,
+                                           job->out->hidden,     job->out->lost,        job->out->entered };
+    const bool enabled[PLANES] = { true, true, true, job->p->separate, job->p->shared, job->p->shared, job->out->entered[0] };
 
     for (int y = 0; job->out->path && y < rows; y++)
         for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
@@ -536,6 +536,7 @@ static PELL_FETCHING void shade_tile(void *arg, int index, int worker)
         out.single[c] = job->p->separate ? tile.planes[3][c] : NULL;
         out.hidden[c] = job->p->shared ? tile.planes[4][c] : NULL;
         out.lost[c] = tile.planes[5][c];
+        out.entered[c] = job->out->entered[c] ? tile.planes[6][c] : NULL;
     }
     out.path = job->out->path ? tile.path : NULL;
     if (list.count < TILE_W * TILE_H)

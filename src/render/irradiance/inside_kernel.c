@@ -45,14 +45,14 @@ static void apply_curvature(const struct pell_irradiance_params *p, const struct
 
 /* Replaces the gains of one channel. */
 static void replace_gains(const struct pell_irradiance_params *p, const float *restrict sum_weight, const float *restrict solved,
-                          const float *restrict gain, const float *restrict between, float *restrict all)
+                          const float *restrict between, float *restrict all)
 {
     if (p->between_faces)
         for (int i = 0; i < N; i++)
             all[i] += sum_weight[i] * (between[i] - all[i]);
     if (!p->whole_solid)
         for (int i = 0; i < N; i++)
-            all[i] = gain[i] + (1.0f - solved[i]) * all[i];
+            all[i] = solved[i] + (1.0f - solved[i]) * all[i];
 }
 
 static void apply_solids(const struct pell_irradiance_params *p, const struct pell_indirect_insides *restrict q, bool entering_only,
@@ -69,7 +69,7 @@ static void apply_solids(const struct pell_irradiance_params *p, const struct pe
         most_straight[i] = 0.0f;
     }
     for (int c = 0; c < 3; c++) {
-        replace_gains(p, q->sum_weight[c], q->solved[c], q->gain[c], gains->between[c], gains->all[c]);
+        replace_gains(p, q->sum_weight[c], q->solved[c], gains->between[c], gains->all[c]);
         for (int i = 0; i < N; i++) {
             const float lateral = x[i] * q->tilt[c][0][i] + y[i] * q->tilt[c][1][i] + z[i] * q->tilt[c][2][i];
             const float exit_factor = (1.0f + q->deep[c][i] * (l->pass[c][i] - 1.0f)) * pell_gradient_exit_by(gradient_scale[i], lateral);
@@ -79,9 +79,12 @@ static void apply_solids(const struct pell_irradiance_params *p, const struct pe
             most_straight[i] = larger(most_straight[i], kept);
         }
         memcpy(in->solved[c], q->solved[c], sizeof(in->solved[c]));
+        memcpy(in->entered[c], q->entered[c], sizeof(in->entered[c]));
         memcpy(in->sum_weight[c], q->sum_weight[c], sizeof(in->sum_weight[c]));
     }
     memset(in->beam, 0, sizeof(in->beam));
+    if (p->lights != 0 && !(p->lights & PELL_LIGHT_INDIRECT)) /* once among disjoint sets of lights */
+        memset(in->entered, 0, sizeof(in->entered));
     if (entering_only) {
         memset(in->transmitted, 0, sizeof(in->transmitted));
         memset(in->light, 0, sizeof(in->light));
@@ -108,7 +111,9 @@ static void add_transmitted(const struct pell_inside *restrict in, struct pell_s
             const float straight = sums->transmitted[c][i], other = straight * (1.0f - in->sum_weight[c][i]) + in->transmitted[c][i];
             all[i] += straight;
             kept[i] += straight * (1.0f - in->sum_weight[c][i]) * (1.0f - in->solved[c][i]);
-            sums->transmitted[c][i] = in->light[c][i] + in->beam[c][i] + (1.0f - in->solved[c][i]) * other;
+            sums->transmitted[c][i] = in->beam[c][i] + (1.0f - in->solved[c][i]) * other;
+            sums->solved[c][i] = in->light[c][i];
+            sums->entered[c][i] = in->entered[c][i];
         }
     for (int i = 0; i < N; i++) {
         const float left = all[i] > 0.0f ? kept[i] / all[i] : 0.0f;

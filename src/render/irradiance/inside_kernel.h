@@ -19,6 +19,7 @@ struct pell_gains {
 struct pell_inside {
     _Alignas(64) float sum_weight[3][16]; /* [0, 1]: weight of `transmitted`, as opposed to straight transmission by thickness */
     float transmitted[3][16], solved[3][16], light[3][16]; /* as in struct pell_indirect_inside, the light as it leaves toward the camera */
+    float entered[3][16];                                  /* the same */
     float beam[3][16];                                     /* forward-scattered light toward the camera */
 };
 

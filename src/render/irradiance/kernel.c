@@ -515,7 +515,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++)
             sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] =
-                sums->hidden[c][i] = sums->lost[c][i] = 0.0f;
+                sums->hidden[c][i] = sums->lost[c][i] = sums->entered[c][i] = sums->solved[c][i] = 0.0f;
     memset(sums->straight, 0, sizeof(sums->straight));
     memset(sums->path, 0, sizeof(sums->path));
     memset(sums->shifted, 0, sizeof(sums->shifted));
@@ -621,11 +621,13 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
     for (int c = 0; c < 3; c++) {
         const float *transmission = p->any_thin ? p->transmission[c] : p->albedo[c];
         for (int i = 0; i < N; i++) {
-            irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
-            transmitted[i] = sums->transmitted[c][i] * transmission[i];
+            irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i] - sums->entered[c][i];
+            transmitted[i] = sums->transmitted[c][i] * transmission[i] + sums->solved[c][i];
             single[i] = sums->single[c][i] * exit_transmittance[i];
         }
         scatter(irradiance, index, count, rows, out->irradiance[c]);
+        if (out->entered[c])
+            scatter(sums->entered[c], index, count, rows, out->entered[c]);
         scatter(transmitted, index, count, rows, out->transmitted[c]);
         scatter(sums->specular[c], index, count, rows, out->specular[c]);
         if (out->single[c])
@@ -641,7 +643,8 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
         store_direction(p, sums, index, count, rows, out);
     if (out->path) {
         for (int i = 0; i < N; i++) {
-            const float all = sums->transmitted[0][i] + sums->transmitted[1][i] + sums->transmitted[2][i];
+            const float all = sums->transmitted[0][i] + sums->transmitted[1][i] + sums->transmitted[2][i] + sums->solved[0][i] +
+                              sums->solved[1][i] + sums->solved[2][i];
             path[i] = pell_spread_pack_sums(sums->path[i], sums->straight[i], all);
         }
         scatter(path, index, count, rows, out->path);

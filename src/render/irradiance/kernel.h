@@ -97,6 +97,8 @@ static inline void pell_lane_pattern(const struct pell_lanes *p, int i, int bits
 
 struct pell_sums {
     _Alignas(64) float irradiance[3][16], specular[3][16], transmitted[3][16];
+    float entered[3][16];        /* part of `irradiance` that `solved` accounts for, with albedo^m, */
+    float solved[3][16];         /* and its radiant exitance */
     float straight[16];          /* part of `transmitted` that went straight, sum of all channels, */
     float path[16];              /* and the same times its path length, mm */
     float unshadowed[3][16];     /* of an environment's lights that are in its smooth table as well */

@@ -8,6 +8,9 @@
  * Shadow rays are exact. The mix exponent m is the material's or the plan's; albedo is the base colour where the colour comes from the
  * texture, else 1. Opaque materials have m = 1 and the albedo base colour x (1 - metallic). A thin sheet reflects the fraction 1 - T of
  * that; it transmits T E of its far side, with the transmission colour.
+ *
+ * Where diffusion in the solid is solved (indirect/stage.h), its exitance is added to M_t, and the light that it accounts for is
+ * subtracted from E. The method adds what is finer; such E may be negative.
  */
 #ifndef PELL_IRRADIANCE_H
 #define PELL_IRRADIANCE_H
@@ -23,7 +26,8 @@
 #include <pellucid/render.h>
 
 struct pell_lighting {
-    float *irradiance[3];     /* W/m^2, light that enters, times albedo^m */
+    float *irradiance[3];     /* W/m^2, light that enters, times albedo^m, less `entered` */
+    float *entered[3];        /* W/m^2, the part of it that the exitance of solved diffusion in `transmitted` accounts for. May be NULL */
     float *transmitted[3];    /* W/m^2, radiant exitance of transmitted light; 0 where there is none */
     float *path;              /* path length and fraction of the part of `transmitted` that went straight through the solid:
                             * pell_spread_pack(). May be NULL */
@@ -66,7 +70,7 @@ struct pell_irradiance_params {
     bool flat;                                           /* no scaling by curvature */
     const struct pell_indirect *indirect;                /* indirect light (indirect/stage.h); requires the surface's hits. NULL: none */
     const struct pell_indirect *solid_light;             /* light inside solids, which replaces straight transmission. NULL: none */
-    bool whole_solid;                                    /* `solid_light` scales the method's result instead of the entering light */
+    bool whole_solid;                                    /* `solid_light` scales the method's result */
     bool transmits;                                      /* the method adds transmission through thin parts: indirect light is
                                                           * transmitted, too */
     bool between_faces;                                  /* with `local`: `solid_light` includes transport between faces */

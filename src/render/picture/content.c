@@ -10,7 +10,7 @@
 #define AT(type, member, bytes) (offsetof(struct type, member) == (bytes))
 _Static_assert(sizeof(struct pell_picture_frame) == 144 && AT(pell_picture_frame, width, 64) && AT(pell_picture_frame, flags, 96) &&
                    sizeof(struct pell_picture_material) == 160 && AT(pell_picture_material, flags, 144) &&
-                   sizeof(struct pell_picture_hit) == 80 && AT(pell_picture_hit, mesh, 64) && sizeof(struct pell_picture_inside) == 128 &&
+                   sizeof(struct pell_picture_hit) == 80 && AT(pell_picture_hit, mesh, 64) && sizeof(struct pell_picture_inside) == 144 &&
                    sizeof(struct pell_picture_shown) == 32 && sizeof(struct pell_picture_around) == 64 &&
                    sizeof(struct pell_picture_row) == 56 && sizeof(struct pell_picture_push) == 20 && sizeof(struct pell_spread_push) == 52,
                "as std430 lays them out");

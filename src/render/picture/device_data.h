@@ -92,8 +92,8 @@ struct pell_picture_hit {
 /* Effects of a solid's shape, and of the light inside it, on the light of a pixel: irradiance/inside.c. */
 struct pell_picture_inside {
     PELL_VEC4 all, single; /* factors of entering light; w of all: fraction of a slab's variance by which straight light spreads */
-    PELL_VEC4 sum_weight, transmitted, solved, light; /* struct pell_inside */
-    PELL_VEC4 indirect, indirect_transmitted;         /* indirect light that enters here, and that is transmitted from the far side */
+    PELL_VEC4 sum_weight, transmitted, solved, light, entered; /* struct pell_inside */
+    PELL_VEC4 indirect, indirect_transmitted; /* indirect light that enters here, and that is transmitted from the far side */
 };
 
 /* Shading of a pixel for the composite. */

@@ -43,6 +43,7 @@ layout(push_constant) uniform Push { pell_picture_push pc; };
 // Light at a point.
 struct Arrived {
     vec3 irradiance, specular, hidden, lost, single, transmitted;
+    vec3 solved, entered; // exitance of solved diffusion, and the part of the irradiance that it accounts for, with albedo^m
     float straight; // straight transmission in `transmitted`, sum of the channels,
     float path;     // and the same times the path length, mm
 };
@@ -75,6 +76,7 @@ Arrived arrived_at(uint i, uint material)
     a.lost = word(first + 3u);
     a.single = has(PELL_PICTURE_SINGLE) ? word(first + 1u + PELL_LIT_HIGHLIGHT_WORDS) : vec3(0.0);
     a.transmitted = straight ? word(first + pc.through) : vec3(0.0);
+    a.solved = a.entered = vec3(0.0);
     a.straight = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     a.path = straight ? uintBitsToFloat(results[first + pc.through].a) : 0.0;
     return a;
@@ -142,14 +144,16 @@ void apply_inside(uint i, uint material, inout Arrived a)
     const float fraction = all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
     a.straight *= fraction;
     a.path *= fraction;
-    a.transmitted = n.light.rgb + (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.sum_weight.rgb) + n.transmitted.rgb);
+    a.transmitted = (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.sum_weight.rgb) + n.transmitted.rgb);
+    a.solved = n.light.rgb;
+    a.entered = n.entered.rgb;
 }
 
 // Light of the far side of a thin sheet.
 vec3 arrived_far_side(uint i, Lobe lobe, float rho_s)
 {
     const uint at = i + pc.far_sides;
-    Arrived a = Arrived(word(at * pc.results), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0);
+    Arrived a = Arrived(word(at * pc.results), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0);
 
     if (has(PELL_PICTURE_SKY))
         add_environments(at, lobe, rho_s, a);
@@ -212,18 +216,20 @@ void main()
     const bool sheet = m.sheet.w > 0.0;
     if (sheet)
         a.transmitted = arrived_far_side(i, lobe, rho_s);
-    const vec3 entered = a.irradiance * albedo * hits[i].sheet.w, transmitted = a.transmitted * (sheet ? hits[i].sheet.rgb : albedo);
+    const vec3 entered = a.irradiance * albedo * hits[i].sheet.w;
+    const vec3 transmitted = a.transmitted * (sheet ? hits[i].sheet.rgb : albedo) + a.solved;
     const vec3 arriving = (entered + (sheet ? transmitted : vec3(0.0))) / max(albedo, vec3(0.02));
     const vec3 metered = vec3(pell_meter_fraction(m.enter_mean.r, m.diffuse), pell_meter_fraction(m.enter_mean.g, m.diffuse),
                              pell_meter_fraction(m.enter_mean.b, m.diffuse));
-    const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
+    const vec3 passing = a.transmitted + a.solved;
+    const float all = passing.r + passing.g + passing.b;
     const uint key = floatBitsToUint(hits[i].emissive.w);
     const float pixel_mm = hits[i].albedo.w * fr.depth_mm + fr.fixed_mm;
     const vec3 filtered_fraction = vec3(pell_highlights_share(m.radius.r, pixel_mm), pell_highlights_share(m.radius.g, pixel_mm),
                              pell_highlights_share(m.radius.b, pixel_mm));
     const bool emits = hits[i].emissive.r + hits[i].emissive.g + hits[i].emissive.b > 0.0;
 
-    light[p.at] = vec4(entered, hits[i].albedo.w);
+    light[p.at] = vec4(entered - a.entered, hits[i].albedo.w);
     surface[p.at] = uvec2(key, floatBitsToUint(has(PELL_PICTURE_STRENGTH) ? hits[i].exit_color.w : 1.0));
     shown[p.at].factor = vec4(factor, uintBitsToFloat(material + 1u));
     shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(metered.r * arriving.r, metered.g * arriving.g, metered.b * arriving.b));

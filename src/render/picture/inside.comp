@@ -234,11 +234,12 @@ bool add_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_pict
         exit[c] *= pell_gradient_exit(m.inverse_eta2, dot(view - nv * normal, solid_at(k, 15u + 3u * c)));
     if (has(PELL_KNOWN_BETWEEN))
         n.all.rgb = mix(n.all.rgb, opposed_local, sum_weight);
-    n.all.rgb = solid_at(k, 9u) + (1.0 - solved) * n.all.rgb;
+    n.all.rgb = solved + (1.0 - solved) * n.all.rgb;
     n.sum_weight.rgb = sum_weight;
     n.transmitted.rgb = exit * solid_at(k, 3u);
     n.solved.rgb = solved;
     n.light.rgb = exit * solid_at(k, 12u);
+    n.entered.rgb = solid_at(k, 27u);
     return any(greaterThan((1.0 - sum_weight) * (1.0 - solved), vec3(PELL_LIT_STRAIGHT_LEAST)));
 }
 
@@ -250,7 +251,8 @@ void main()
     if (i >= 64u * pc.count + pc.far_sides || points[i].material == PELL_LIT_NONE)
         return;
     const pell_lit_material m = materials[points[i].material];
-    pell_picture_inside n = pell_picture_inside(vec4(1.0), vec4(1.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+    pell_picture_inside n = pell_picture_inside(vec4(1.0), vec4(1.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0),
+                                             vec4(0.0));
     vec3 opposed_local = vec3(1.0);
 
     if (has(PELL_KNOWN_SHAPE)) {
