@@ -73,8 +73,8 @@ static void divide_row(const struct convolution_state *st, int y, const float *s
         if (st->sources.front.group[at] != j->group + 1)
             continue;
         m = uniform > 0.0f ? sum[x - j->extent.rect.x0] / uniform : j->in->irradiance[j->channel][to];
-        m = r->total * (m < j->extent.brightest[j->channel] ? m : j->extent.brightest[j->channel]);
-        out[x - j->extent.rect.x0] = m > 0.0f ? m : 0.0f;
+        m = m < j->extent.brightest[j->channel] ? m : j->extent.brightest[j->channel];
+        out[x - j->extent.rect.x0] = r->total * (m > j->extent.darkest[j->channel] ? m : j->extent.darkest[j->channel]);
     }
 }
 
@@ -87,7 +87,13 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
     const int width = rect->x1 - rect->x0;
     const ptrdiff_t at = y * f->stride + rect->x0;
     const struct conv_gather g = {
-        f->group + at, f->coord + at, f->exit_weight[j->channel] + at, rows, j->layout.planes, (uint16_t) (j->group + 1),
+        f->group + at,
+        f->coord + at,
+        f->exit_weight[j->channel] + at,
+        rows,
+        j->layout.planes,
+        (uint16_t) (j->group + 1),
+        convolution_least(&j->extent, j->channel),
     };
     float *const light = j->out->light[j->channel] + y * j->in->shape.stride + rect->x0;
     float *const out = j->uniform ? st->uniform + at : j->divide || j->level >= 0 ? sum : light;

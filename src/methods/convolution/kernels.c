@@ -311,7 +311,7 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
             if (i + 1 < g->planes && between[i])
                 sum += between_weight(p, i) * load_first(between[i] + x, n);
         }
-        sum = greater(sum * load_first(g->exit_weight + x, n), all(0.0f));
+        sum = greater(sum * load_first(g->exit_weight + x, n), all(g->least));
         store_first(out + x, select(in_group, sum, load_first(out + x, n)), n);
     }
 }
@@ -514,7 +514,7 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
                 on_its = o.flux * exchange(here, plane_position_of(o.coord), s->next[ay][ax]);
                 sum += s->square[ay][ax] * (1.0f - alike) * (on_own - on_its);
             }
-        sum = greater(load_first(out + x, n) + s->fade * exit_weight * sum, all(0.0f));
+        sum = greater(load_first(out + x, n) + s->fade * exit_weight * sum, all(s->least));
         store_first(out + x, select(near_edge, sum, load_first(out + x, n)), n);
     }
 }

@@ -81,6 +81,7 @@ struct conv_gather {
     const float *const *rows; /* of the images of planes, then of those between; NULL: not needed */
     int planes;
     uint16_t own;
+    float least; /* a lower bound of the result */
 };
 
 enum { CONV_WINDOW = 3 }; /* search radius of `edges` in pixels */
@@ -95,6 +96,7 @@ struct conv_edges {
     uint16_t own;
     int planes;
     bool parallel;
+    float least;        /* a lower bound of the result */
     float per_spacing;  /* reciprocal of the mm between planes */
     float pixel2;       /* area of a pixel at a depth of 1; at any depth in a parallel view or if all pixels have one size */
     float flat2;        /* mm^2: smaller depth differences are ignored */

@@ -46,6 +46,7 @@ static void extent_row(void *arg, int index, int worker)
         for (int c = 0; c < 3; c++) {
             const float light = in->irradiance[c][y * in->shape.stride + x];
             e.brightest[c] = light > e.brightest[c] ? light : e.brightest[c];
+            e.darkest[c] = light < e.darkest[c] ? light : e.darkest[c];
         }
     }
     e.rect.y0 = y;
@@ -56,8 +57,10 @@ static void extent_row(void *arg, int index, int worker)
         for (int x = in->rect.x0 / b->step; x <= (in->rect.x1 - 1) / b->step; x++)
             if (b->group[row + (size_t) x] == st->job.group + 1) {
                 add_depth(&e, b->depth[row + (size_t) x]);
-                for (int c = 0; c < 3; c++)
+                for (int c = 0; c < 3; c++) {
                     e.brightest[c] = fmaxf(e.brightest[c], b->light[c][row + (size_t) x]);
+                    e.darkest[c] = fminf(e.darkest[c], b->light[c][row + (size_t) x]);
+                }
             }
     }
     st->rows[index] = e;
@@ -76,8 +79,10 @@ void convolution_find_extent(struct convolution_state *st)
             add_depth(&all, e->low);
             add_depth(&all, e->high);
         }
-        for (int c = 0; c < 3; c++)
+        for (int c = 0; c < 3; c++) {
             all.brightest[c] = fmaxf(all.brightest[c], e->brightest[c]);
+            all.darkest[c] = fminf(all.darkest[c], e->darkest[c]);
+        }
         if (e->pixels == 0)
             continue;
         all.rect.x0 = e->rect.x0 < all.rect.x0 ? e->rect.x0 : all.rect.x0;

@@ -167,6 +167,7 @@ static void set_edges(struct convolution_state *st, int c)
         .y1 = j->extent.rect.y1,
         .own = (uint16_t) (j->group + 1),
         .planes = lay->planes,
+        .least = convolution_least(&j->extent, c),
         .per_spacing = spacing > 0.0f ? 1.0f / spacing : 0.0f,
         .parallel = j->in->shape.orthographic || st->sources.one_size,
         .pixel2 = st->sources.one_size ? 1.0f : 1.0f / (j->in->shape.focal_px * j->in->shape.focal_px),

@@ -165,7 +165,7 @@ static void put_sample(const struct conv_sources *s, const struct cells *c, int 
 
     if (!find_carried(s, &ray_hits->points, ray_hits->transmitted, i, n, c->direction[i], carried, &along))
         return;
-    if (layer > 0 && !(light->irradiance[0][i] + light->irradiance[1][i] + light->irradiance[2][i] > 0.0f))
+    if (layer > 0 && light->irradiance[0][i] == 0.0f && light->irradiance[1][i] == 0.0f && light->irradiance[2][i] == 0.0f)
         along = 0.0f; /* probably one part of the object inside another, which receives no light */
     cover(s, ray_hits->depth[i], fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
     b->area[to] *= (float) (b->step * b->step);

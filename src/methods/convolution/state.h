@@ -24,12 +24,18 @@ enum {
 /* A group's pixels in a frame. */
 struct conv_extent {
     struct pell_rect rect;
-    float low, high; /* depth */
-    unsigned seen;   /* of a row: bit i: pixels between planes i and i + 1 */
-    float brightest[3];
-    float weakest, strongest; /* strength */
+    float low, high;                /* depth */
+    unsigned seen;                  /* of a row: bit i: pixels between planes i and i + 1 */
+    float brightest[3], darkest[3]; /* of the light, W/m^2; 0 is between them */
+    float weakest, strongest;       /* strength */
     int64_t pixels;
 };
+
+/* A lower bound of the light that leaves: rounding errors below 0 are removed where no light is negative. */
+static inline float convolution_least(const struct conv_extent *extent, int channel)
+{
+    return extent->darkest[channel] < 0.0f ? -INFINITY : 0.0f;
+}
 
 /* Sizes of the images at one resolution. */
 struct conv_format {
