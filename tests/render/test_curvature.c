@@ -507,6 +507,44 @@ static void plates_of_what_absorbs_little_are_as_bright_as_path_traced(void **st
     }
 }
 
+/* Light that enters is multiplied by albedo^m, light that leaves by albedo^(1-m): half the albedo is half the light. */
+static void the_colour_of_a_surface_is_a_factor(void **state)
+{
+    static const char *const small_map[] = { "size=128", NULL };
+    static const char *const methods[] = { "screen-space", "texture-space", "convolution", "hierarchical" };
+    static const float color[2][3] = { { 0.9f, 0.5f, 0.2f }, { 0.45f, 0.25f, 0.1f } };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+        const char *const *knobs = strcmp(methods[i], "texture-space") == 0 ? small_map : NULL;
+        struct shot bright, dim;
+        struct pell_material *m;
+        struct stage s;
+        size_t material;
+
+        stage_start(&s, 48, 48);
+        m = stage_medium(&s, "marble", &material);
+        m->rho_s = 0.0f;
+        m->color_from = PELL_COLOR_FROM_TEXTURE;
+        m->mix = 0.3f;
+        stage_box(&s, material, 0, vec3(-4, -6, -4), vec3(4, 6, 4));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(700, 300, 500), vec3(0, 0, 0), 2.0f);
+        stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, 14.0f);
+        s.settings.layers = s.settings.angles = s.settings.curvature = s.settings.opposed = true;
+        memcpy(m->base_color, color[0], sizeof(color[0]));
+        bright = stage_shot_of(&s, methods[i], knobs);
+        memcpy(m->base_color, color[1], sizeof(color[1]));
+        dim = stage_shot_of(&s, methods[i], knobs);
+        for (size_t c = 0; c < 3; c++)
+            for (int y = 0; y < 48; y++)
+                for (int x = 0; x < 48; x++)
+                    REQUIRE(fabs(shot_at(&dim, c, x, y) - 0.5 * shot_at(&bright, c, x, y)) < 2e-3 * shot_at(&bright, c, 24, 24));
+        shot_free(&bright);
+        shot_free(&dim);
+        stage_finish(&s);
+    }
+}
+
 /* Sum of a channel over the left or the right half of a picture. */
 static double half_of(const struct shot *shot, size_t channel, bool right)
 {
@@ -723,6 +761,7 @@ int main(void)
         cmocka_unit_test(a_ball_under_even_light_is_as_bright_as_path_traced),
         cmocka_unit_test(sharp_edges_have_no_colour_of_their_own),
         cmocka_unit_test(plates_of_what_absorbs_little_are_as_bright_as_path_traced),
+        cmocka_unit_test(the_colour_of_a_surface_is_a_factor),
         cmocka_unit_test(narrow_solids_are_as_bright_as_path_traced),
         cmocka_unit_test(solids_lit_from_behind_are_as_bright_as_path_traced),
         cmocka_unit_test(clear_solids_pass_light_forward),

@@ -42,7 +42,7 @@ struct transport {
     const struct pell_indirect_solid *solid; /* per scene material */
     float mix;                               /* as in struct pell_plan */
     struct pell_surface_sample *sample;      /* per sample of the stage; power without the scale for curvature */
-    float (*albedo)[3];                      /* per sample: albedo^m; 1 with whole_solid */
+    float (*albedo)[3];                      /* per sample: albedo^m */
     float (*gain)[3], (*crossed)[3];         /* curvature/stage.h */
     bool *lit;
     float (*sum_weight)[3], *thickness; /* per sample; thickness in mm */
@@ -279,7 +279,7 @@ static bool same_group(const struct pell_indirect *in, const struct indirect_sam
     return a->material == b->material && in->p.scene->meshes[a->mesh].object == in->p.scene->meshes[b->mesh].object;
 }
 
-/* Copies of the list's samples with their light scaled for curvature. */
+/* Copies of the list's samples with their light scaled for curvature: what goes into the depth, without albedo, or all. */
 static struct pell_surface_sample *scale_by_curvature(const struct transport *s, bool deep)
 {
     struct pell_surface_sample *out = pell_alloc_array(s->in->ctx, s->count, sizeof(*out));
@@ -287,7 +287,7 @@ static struct pell_surface_sample *scale_by_curvature(const struct transport *s,
     for (size_t i = 0; out && i < s->count; i++) {
         out[i] = s->sample[s->list[i]];
         for (int c = 0; c < 3; c++)
-            out[i].power[c] = (deep ? s->source[s->list[i]][c] : out[i].power[c]) * s->gain[s->list[i]][c];
+            out[i].power[c] = (deep ? s->source[s->list[i]][c] : out[i].power[c] * s->albedo[s->list[i]][c]) * s->gain[s->list[i]][c];
     }
     return out;
 }
