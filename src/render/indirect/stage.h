@@ -162,7 +162,7 @@ void pell_indirect_at(const struct pell_indirect *indirect, const struct pell_po
 /* Packs the data that pell_indirect_at or, with params.solids_only, pell_indirect_lookup16 reads into 32-bit words for a device. Returns
  * their number; with `out` NULL nothing is written. Layout: offsets of roots, cells and values, number of mesh knots and of all knots;
  * per mesh first_knot, first_back and first_root; a root per triangle; cells of child and three knots; values of 6 floats (light, then
- * transmitted light) or of 32 (struct pell_indirect_inside and 5 floats of padding). */
+ * transmitted light) or of 32 (struct pell_indirect_inside and 2 floats of padding). */
 enum { PELL_INDIRECT_HEAD = 8 };
 size_t pell_indirect_words(const struct pell_indirect *indirect, uint32_t *out);
 
