@@ -514,6 +514,7 @@ static void the_colour_of_a_surface_is_a_factor(void **state)
     static const char *const methods[] = { "screen-space", "texture-space", "convolution", "hierarchical" };
     static const float color[2][3] = { { 0.9f, 0.5f, 0.2f }, { 0.45f, 0.25f, 0.1f } };
     (void) state;
+    RELEASE_ONLY();
 
     for (size_t i = 0; i < PELL_COUNT(methods); i++) {
         const char *const *knobs = strcmp(methods[i], "texture-space") == 0 ? small_map : NULL;
