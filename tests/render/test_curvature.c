@@ -557,8 +557,8 @@ static double half_of(const struct shot *shot, size_t channel, bool right)
     return sum;
 }
 
-/* Bars of four mean free paths; plates so wide that few collocation points resolve their absorption; rods thinner than the profile, whose
- * lit and dark sides a blur across the visible pixels would mix. */
+/* Bars of four mean free paths, thinner than the profile, so that a blur across the visible pixels would mix their lit and dark sides; and
+ * plates so wide that few collocation points resolve their absorption. */
 static void narrow_solids_are_as_bright_as_path_traced(void **state)
 {
     static const char *const traced[] = { "samples=200", NULL }, *const small_map[] = { "size=256", NULL };

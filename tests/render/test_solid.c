@@ -619,7 +619,7 @@ static void odd_solids_are_survived(void **state)
     solve(f, 0.3);
     for (size_t i = 0; i < f->count; i++)
         for (int c = 0; c < 3; c++) {
-            REQUIRE(isfinite(f->light[i].entered[c]) && isfinite(f->light[i].light[c]));
+            REQUIRE(isfinite(f->light[i].gain[c]) && isfinite(f->light[i].entered[c]) && isfinite(f->light[i].light[c]));
             REQUIRE(f->light[i].solved[c] >= 0.0f && f->light[i].solved[c] <= 1.0f);
             REQUIRE(f->light[i].light[c] == 0.0f);
         }

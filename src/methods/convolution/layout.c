@@ -19,6 +19,12 @@ static void add_depth(struct conv_extent *e, float depth)
     e->high = depth > e->high ? depth : e->high;
 }
 
+static void add_light(struct conv_extent *e, int c, float light)
+{
+    e->brightest[c] = light > e->brightest[c] ? light : e->brightest[c];
+    e->darkest[c] = light < e->darkest[c] ? light : e->darkest[c];
+}
+
 static const struct conv_extent nothing = {
     .rect = { 65536, 65536, 0, 0 }, .low = INFINITY, .high = -INFINITY, .weakest = INFINITY, .strongest = -INFINITY
 };
@@ -43,11 +49,8 @@ static void extent_row(void *arg, int index, int worker)
             e.weakest = fminf(e.weakest, in->strength[y * in->shape.stride + x]);
             e.strongest = fmaxf(e.strongest, in->strength[y * in->shape.stride + x]);
         }
-        for (int c = 0; c < 3; c++) {
-            const float light = in->irradiance[c][y * in->shape.stride + x];
-            e.brightest[c] = light > e.brightest[c] ? light : e.brightest[c];
-            e.darkest[c] = light < e.darkest[c] ? light : e.darkest[c];
-        }
+        for (int c = 0; c < 3; c++)
+            add_light(&e, c, in->irradiance[c][y * in->shape.stride + x]);
     }
     e.rect.y0 = y;
     e.rect.y1 = y + 1;
@@ -57,10 +60,8 @@ static void extent_row(void *arg, int index, int worker)
         for (int x = in->rect.x0 / b->step; x <= (in->rect.x1 - 1) / b->step; x++)
             if (b->group[row + (size_t) x] == st->job.group + 1) {
                 add_depth(&e, b->depth[row + (size_t) x]);
-                for (int c = 0; c < 3; c++) {
-                    e.brightest[c] = fmaxf(e.brightest[c], b->light[c][row + (size_t) x]);
-                    e.darkest[c] = fminf(e.darkest[c], b->light[c][row + (size_t) x]);
-                }
+                for (int c = 0; c < 3; c++)
+                    add_light(&e, c, b->light[c][row + (size_t) x]);
             }
     }
     st->rows[index] = e;
@@ -80,8 +81,8 @@ void convolution_find_extent(struct convolution_state *st)
             add_depth(&all, e->high);
         }
         for (int c = 0; c < 3; c++) {
-            all.brightest[c] = fmaxf(all.brightest[c], e->brightest[c]);
-            all.darkest[c] = fminf(all.darkest[c], e->darkest[c]);
+            add_light(&all, c, e->brightest[c]);
+            add_light(&all, c, e->darkest[c]);
         }
         if (e->pixels == 0)
             continue;

@@ -21,8 +21,8 @@
  *
  * phi lacks what is finer than the distance of points. A method adds that: it spreads the entering light less its average over points,
  * and phi is added to the result, as in a coarse-grid correction. Light that enters where diffusion is not solved is left out here, and
- * remains for the method. A method that integrates over the whole solid finds M, the sum of
- * profile_sum.h: its result is scaled by phi/M, up to MAX_GAIN, and the rest is added without detail.
+ * remains for the method. A method that integrates over the whole solid finds M, the sum of profile_sum.h: its result is scaled by phi/M,
+ * up to MAX_GAIN, and the rest is added without detail.
  */
 #include "render/indirect/equation.h"
 #include "render/indirect/internal.h"
@@ -361,9 +361,10 @@ static void add_cluster(const struct solid *s, const struct cluster *cluster, st
             if (!q->active)
                 continue;
             add_moments(a->phi[c], w, x, y, (float) q->phi[j]);
-            add_moments(a->entered[c], w, x, y, (float) q->light[j]);
             if (s->input->profile_sum)
                 add_moments(a->sum[c], w, x, y, (float) s->method_exitance[c][j]);
+            else
+                add_moments(a->entered[c], w, x, y, (float) q->light[j]);
         }
     }
 }
@@ -396,7 +397,7 @@ static void interpolate_sample(const struct solid *s, size_t i)
     slope_centre(&a.at, 1.0f / (SMOOTH * p->step), slope);
     weight = a.at.one + slope[0] * a.at.x + slope[1] * a.at.y;
     for (int c = 0; c < 3 && weight > 0.0f; c++) {
-        const float phi = fmaxf(weighted_sum(a.phi[c], slope), 0.0f), sum = weighted_sum(a.sum[c], slope);
+        const float phi = fmaxf(weighted_sum(a.phi[c], slope), 0.0f);
         struct indirect_solid_light *out = &s->out[i];
         if (!s->equation.channel[c].active)
             continue;
@@ -404,6 +405,7 @@ static void interpolate_sample(const struct solid *s, size_t i)
         out->exitance[c] = phi / weight;
         out->deep[c] = depth_fraction(s, i, c, out->exitance[c]);
         if (s->input->profile_sum) {
+            const float sum = weighted_sum(a.sum[c], slope);
             out->gain[c] = sum > 0.0f ? fminf(phi / sum, MAX_GAIN) : MAX_GAIN;
             out->light[c] = fmaxf(phi - out->gain[c] * sum, 0.0f) / weight;
         } else {
@@ -463,8 +465,6 @@ static enum pell_result solve_channels(struct solid *s)
         struct equation_channel *q = &e->channel[c];
         if (!q->active)
             continue;
-        for (uint32_t i = 0; i < n; i++)
-            q->phi[i] = 0.0;
         q->active = equation_solve(e, q);
         if (q->active)
             add_local_part(s, s->input->slope[c], q);

@@ -485,16 +485,12 @@ bool equation_solve(struct equation *e, struct equation_channel *c)
 {
     const uint32_t n = e->points->count;
     double h[MAX_STEPS][MAX_STEPS + 1], turn[MAX_STEPS][2], g[MAX_STEPS + 1] = { 0.0 };
-    double *v = e->basis, rhs_norm = 0.0;
+    double *v = e->basis, rhs_norm;
     int steps = 0;
 
-    multiply(e, c, c->phi, v);
-    for (uint32_t i = 0; i < n; i++) {
-        v[i] = c->rhs[i] - v[i];
-        rhs_norm += c->rhs[i] * c->rhs[i];
-    }
-    g[0] = sqrt(dot(v, v, n));
-    rhs_norm = sqrt(rhs_norm);
+    memset(c->phi, 0, n * sizeof(*c->phi));
+    memcpy(v, c->rhs, n * sizeof(*v));
+    rhs_norm = g[0] = sqrt(dot(v, v, n));
     for (uint32_t i = 0; i < n && g[0] > 0.0; i++)
         v[i] /= g[0];
     while (steps < MAX_STEPS && fabs(g[steps]) > TOLERANCE * rhs_norm) {

@@ -49,14 +49,14 @@ struct equation {
     double *numbers; /* and behind the double arrays */
 };
 
-/* `points` is borrowed. Allocates the vectors of active channels; the caller then sets kappa, s, the light and phi. */
+/* `points` is borrowed. Allocates the vectors of active channels; the caller then sets kappa, s and the light. */
 PELL_NODISCARD enum pell_result equation_make(struct equation *e);
 void equation_finish(struct equation *e);
 /* Appends the area-weighted means of clusters to the values of points. */
 void equation_extend(const struct equation *e, double *extended);
 /* Computes matrix and rhs of every active channel. */
 void equation_fill(struct equation *e);
-/* Solves for phi, starting from its present value. Returns false if the iteration does not converge. */
+/* Solves for phi. Returns false if the iteration does not converge. */
 bool equation_solve(struct equation *e, struct equation_channel *channel);
 
 #endif

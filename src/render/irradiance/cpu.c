@@ -338,7 +338,7 @@ static void shade_side(const struct job *job, struct packet *k)
         if (job->lights->sources[j].environment < 0 && pell_irradiance_requests(job->p, job->lights->sources[j].light))
             add_light(job, &job->lights->sources[j], k, &k->sums, NULL);
     add_environments(job, k);
-    if (job->p->indirect && (job->p->lights == 0 || (job->p->lights & PELL_LIGHT_INDIRECT)))
+    if (job->p->indirect && pell_irradiance_requests_indirect(job->p))
         add_indirect(job, k);
     if (job->p->curvature)
         pell_scale_lanes(job, &gains, k);

@@ -88,6 +88,12 @@ static inline bool pell_irradiance_requests(const struct pell_irradiance_params 
     return p->lights == 0 || (p->lights & pell_light_bit((size_t) light));
 }
 
+/* The same for indirect light. Exactly one of disjoint sets of lights has it. */
+static inline bool pell_irradiance_requests_indirect(const struct pell_irradiance_params *p)
+{
+    return p->lights == 0 || (p->lights & PELL_LIGHT_INDIRECT);
+}
+
 /* Factors of entering light by curvature, for R, G and B at 16 points. */
 static inline const float (*pell_irradiance_gain(const struct pell_irradiance_params *p, const struct pell_curvature_effects *e))[16]
 {
