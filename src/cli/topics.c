@@ -30,6 +30,8 @@ static const struct topic_row variables[] = {
     { "NO_COLOR", "If set and not empty, disables colours. They are also disabled if the output is no terminal or TERM is dumb." },
     { "PELL_SHADERS", "A folder whose files NAME.spv replace the shaders of --engine vulkan; changed files are reloaded. --log-level debug "
                       "lists the names." },
+    { "PELL_EMBREE",
+      "more configuration of the ray library, in its own words: max_isa=avx2 traces rays as on a processor without AVX-512." },
     { "PELL_SIMD", "base, v2, v3 or v4: the highest level of SIMD instructions to use. Results are bit-identical at all levels." },
     { NULL, NULL },
 };

@@ -9,6 +9,7 @@
 
 #include <embree3/rtcore.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* Packets have Embree's layout, so they are passed without copying. */
@@ -71,6 +72,7 @@ struct pell_rays {
     _Atomic int error;                /* first enum RTCError */
     char text[120];                   /* Embree's error message */
     struct pell_ray_record *record;   /* borrowed; NULL: none */
+    bool native16;                    /* Embree traverses packets of 16 itself */
 };
 
 /* --- Filters ------------------------------------------------------------------------------------------------------------------ */
@@ -257,10 +259,11 @@ static enum pell_result check_memory(const struct pell_scene *scene, struct pell
 
 static RTCDevice new_device(struct pell_pool *pool)
 {
-    char config[32];
+    const char *more = getenv("PELL_EMBREE");
+    char config[128];
 
     /* Embree's threads (TBB) are not instrumented: the thread sanitizer would report races. */
-    snprintf(config, sizeof(config), "threads=%d", THREAD_SANITIZER ? 1 : pell_pool_threads(pool));
+    snprintf(config, sizeof(config), "threads=%d,%s", THREAD_SANITIZER ? 1 : pell_pool_threads(pool), more ? more : "");
     return rtcNewDevice(config);
 }
 
@@ -295,6 +298,7 @@ enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_sc
     rtcSetDeviceErrorFunction(rays->device, on_error, rays);
     rtcSetDeviceMemoryMonitorFunction(rays->device, on_memory, rays);
     masks = rtcGetDeviceProperty(rays->device, RTC_DEVICE_PROPERTY_RAY_MASK_SUPPORTED) != 0;
+    rays->native16 = rtcGetDeviceProperty(rays->device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
 
     rays->scene = rtcNewScene(rays->device);
     PELL_TRY(check(rays, scene, (enum RTCError) atomic_load(&rays->error)));
@@ -373,22 +377,48 @@ static void record_packet(struct pell_ray_record *record, const int *valid, cons
         }
 }
 
+/* Where the processor has no AVX-512, Embree traces packets of 16 as a stream and ignores `valid`: it traces every ray whose interval is
+ * not empty. This empties the interval of the other rays; `tfar` keeps their values. */
+static void empty_invalid(const int *valid, struct pell_ray16 *restrict r, float *restrict tfar)
+{
+    for (int i = 0; i < PELL_PACKET; i++) {
+        tfar[i] = r->tfar[i];
+        r->tfar[i] = valid[i] ? tfar[i] : -INFINITY;
+    }
+}
+
+static void restore_invalid(const int *valid, struct pell_ray16 *restrict r, const float *restrict tfar)
+{
+    for (int i = 0; i < PELL_PACKET; i++)
+        r->tfar[i] = valid[i] ? r->tfar[i] : tfar[i];
+}
+
 void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray_hit16 *packet)
 {
     struct RTCIntersectContext context = intersect_context(coherent);
+    float tfar[PELL_PACKET];
 
     if (rays->record)
         record_packet(rays->record, valid, &packet->ray);
     memset(packet->hit.mesh, 0xff, sizeof(packet->hit.mesh));
     memset(packet->hit.instance, 0xff, sizeof(packet->hit.instance));
+    if (!rays->native16)
+        empty_invalid(valid, &packet->ray, tfar);
     rtcIntersect16(valid, rays->scene, &context, (struct RTCRayHit16 *) packet);
+    if (!rays->native16)
+        restore_invalid(valid, &packet->ray, tfar);
 }
 
 void pell_rays_occluded16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray16 *packet)
 {
     struct RTCIntersectContext context = intersect_context(coherent);
+    float tfar[PELL_PACKET];
 
+    if (!rays->native16)
+        empty_invalid(valid, packet, tfar);
     rtcOccluded16(valid, rays->scene, &context, (struct RTCRay16 *) packet);
+    if (!rays->native16)
+        restore_invalid(valid, packet, tfar);
 }
 
 static struct RTCRay single_ray(const struct pell_ray *ray)

@@ -153,6 +153,51 @@ static void a_triangle_soup_is_seen_as_trying_every_triangle_does(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* Embree traverses packets of 16 itself only with AVX-512; the other instruction sets take other ways. */
+static void rays_that_are_not_valid_are_left_alone_by_every_processor(void **state)
+{
+    static const char *const isa[] = { "max_isa=sse2", "max_isa=sse4.2", "max_isa=avx", "max_isa=avx2", "max_isa=avx512" };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    uint32_t seed = 11;
+
+    (void) state;
+    shapes_ball(s, 0, vec3(0, 0, 0), 10.0f, 20);
+    for (size_t k = 0; k < PELL_COUNT(isa); k++) {
+        struct pell_rays *rays;
+        assert_int_equal(setenv("PELL_EMBREE", isa[k], 1), 0);
+        rays = build(ctx, s);
+        for (int n = 0; n < 64; n++) {
+            _Alignas(64) int valid[16];
+            struct pell_ray_hit16 p;
+            struct pell_ray16 shadow;
+            memset(&p, 0, sizeof(p));
+            for (int i = 0; i < 16; i++) {
+                valid[i] = shapes_random(&seed) < 0.5f ? -1 : 0;
+                set_ray(&p.ray, i, vec3(20.0f * shapes_random(&seed) - 10.0f, 20.0f * shapes_random(&seed) - 10.0f, -50.0f), vec3(0, 0, 1));
+                p.ray.tfar[i] = i % 3 ? INFINITY : 200.0f;
+            }
+            shadow = p.ray;
+            pell_rays_closest16(rays, valid, n % 2 == 0, &p);
+            pell_rays_occluded16(rays, valid, n % 2 == 0, &shadow);
+            for (int i = 0; i < 16; i++) {
+                const struct pell_ray one = { { p.ray.ox[i], p.ray.oy[i], p.ray.oz[i] }, 0.0f, { 0, 0, 1 }, INFINITY, PELL_RAY_ALL };
+                const bool hit = valid[i] && pell_rays_occluded(rays, &one);
+                assert_int_equal(p.hit.mesh[i] != PELL_NO_HIT, hit);
+                assert_int_equal(shadow.tfar[i] < 0.0f, hit);
+                if (!valid[i]) {
+                    assert_true(p.ray.tfar[i] == (i % 3 ? INFINITY : 200.0f));
+                    assert_true(shadow.tfar[i] == p.ray.tfar[i]);
+                }
+            }
+        }
+        pell_rays_destroy(&rays);
+    }
+    unsetenv("PELL_EMBREE");
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
 static void an_empty_scene_is_legal_and_nothing_is_hit(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -550,6 +595,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_triangle_soup_is_seen_as_trying_every_triangle_does),
+        cmocka_unit_test(rays_that_are_not_valid_are_left_alone_by_every_processor),
         cmocka_unit_test(an_empty_scene_is_legal_and_nothing_is_hit),
         cmocka_unit_test(masks_part_translucent_from_opaque),
         cmocka_unit_test(masked_alpha_makes_holes_for_both_kinds_of_rays),
