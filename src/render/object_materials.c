@@ -5,9 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A mesh with its material and object, for sorting. */
+/* A mesh with its object and its material, from 1, in the frame, for sorting. */
 struct mesh_key {
-    int material, object;
+    uint16_t material;
+    int object;
     uint32_t mesh;
 };
 
@@ -36,7 +37,7 @@ static size_t list_keys(const struct pell_scene *scene, const struct pell_scene_
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         if (mesh->material >= 0 && (size_t) mesh->material < scene->num_materials && m->frame_index[mesh->material + 1])
-            keys[n++] = (struct mesh_key) { mesh->material, mesh->object, (uint32_t) i };
+            keys[n++] = (struct mesh_key) { m->frame_index[mesh->material + 1], mesh->object, (uint32_t) i };
     }
     qsort(keys, n, sizeof(*keys), compare);
     return n;
@@ -75,7 +76,7 @@ enum pell_result pell_object_materials_make(struct pell_context *ctx, const stru
     if (!m->of_mesh)
         goto fail;
     for (size_t i = 0; i < n; i++) {
-        const uint16_t own = m->frame_index[keys[i].material + 1];
+        const uint16_t own = keys[i].material;
         if (i == 0 || keys[i].material != keys[i - 1].material || is_further(keys, i))
             id = own;
         if (is_further(keys, i) && m->count_with_copies < m->count + further) {

@@ -57,6 +57,7 @@ static enum pell_result make_materials(struct pell_renderer *r)
     const struct pell_scene *scene = r->scene;
     struct pell_scene_materials *out = &r->materials;
     const size_t n = scene->num_materials;
+    uint32_t *same = NULL;
     enum pell_result res;
 
     if (n < 1 || n > 65534)
@@ -71,15 +72,21 @@ static enum pell_result make_materials(struct pell_renderer *r)
     out->separate = pell_calloc(r->ctx, n, sizeof(*out->separate));
     out->angle_without_single = pell_calloc(r->ctx, n, sizeof(*out->angle_without_single));
     out->stack = pell_calloc(r->ctx, n, sizeof(*out->stack));
-    if (!out->frame_index || !out->frame || !out->total || !out->radius || !out->angle || !out->thickness || !out->separate ||
+    same = pell_alloc_array(r->ctx, n, sizeof(*same));
+    if (!same || !out->frame_index || !out->frame || !out->total || !out->radius || !out->angle || !out->thickness || !out->separate ||
         !out->angle_without_single || !out->stack)
         goto fail;
+    pell_scene_same_media(scene, same);
     for (size_t i = 0; i < n; i++) {
         const struct pell_material *m = &scene->materials[i];
         struct pell_frame_material *f = &out->frame[out->count];
 
         if (m->opaque)
             continue;
+        if (same[i] < i) {
+            out->frame_index[i + 1] = out->frame_index[same[i] + 1];
+            continue;
+        }
         if (out->count == PELL_FRAME_MATERIALS) {
             res = pell_error(r->ctx, PELL_ERR_UNSUPPORTED, scene->path, "mark some \"opaque\": true", "more than %d translucent materials",
                              PELL_FRAME_MATERIALS);
@@ -99,10 +106,11 @@ static enum pell_result make_materials(struct pell_renderer *r)
         out->frame_index[i + 1] = (uint16_t) ++out->count;
     }
     PELL_TRY(pell_object_materials_make(r->ctx, scene, out));
-    return PELL_OK;
 
 fail:
-    drop_materials(r);
+    pell_free(r->ctx, same);
+    if (res != PELL_OK)
+        drop_materials(r);
     return res;
 }
 
@@ -256,7 +264,7 @@ static enum pell_result make_profiles(struct pell_renderer *r)
         if (setting > 0 && m->num_layers == 0 && (m->profile || m->gaussians.count > 0)) /* layers have coefficients of their own */
             pell_warn(r->ctx, pell_material_shown_name(m), "--profile needs a material with scattering coefficients",
                       "has no coefficients: its own profile is used, not %s", pell_profile_model_at(model_of(m, setting))->name);
-        while (k < i && !(index[k + 1] && same_profile(m, &scene->materials[k], setting)))
+        while (k < i && index[k + 1] != id && !(index[k + 1] && same_profile(m, &scene->materials[k], setting)))
             k++;
         if (k < i) {
             *of = r->profiles_of[index[k + 1] - 1];

@@ -41,6 +41,10 @@ PELL_NODISCARD enum pell_result pell_solids_create(struct pell_context *ctx, con
                                                    const struct pell_frame_material *materials, struct pell_solids **out);
 void pell_solids_destroy(struct pell_solids **solids);
 
+/* Sets for each material of the scene the first one that scatters light in the same way below the surface: parts of one object with equal
+ * numbers are one volume, whatever their surfaces look like. Opaque and layered materials are equal to none but themselves. */
+void pell_scene_same_media(const struct pell_scene *scene, uint32_t *same);
+
 /* Whether a material scatters by its coefficients, and not by Gaussians or a tabulated profile. `m`: the frame's version of it. */
 static inline bool pell_scatters_by_medium(const struct pell_material *material, const struct pell_frame_material *m)
 {

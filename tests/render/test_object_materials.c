@@ -78,7 +78,7 @@ static void more_materials_than_ids_are_refused(void **state)
     (void) state;
     stage_start(&s, 16, 12);
     for (int i = 0; i <= PELL_FRAME_MATERIALS; i++)
-        stage_medium(&s, "marble", &marble);
+        stage_medium(&s, "marble", &marble)->medium.g[0] = 1e-4 * i;
     boxes(&s, marble, 1);
     stage_complete(&s);
     stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.5f, 0.0f);
@@ -89,12 +89,57 @@ static void more_materials_than_ids_are_refused(void **state)
     stage_finish(&s);
 }
 
+/* A ball of two meshes, whose materials scatter alike but reflect differently. */
+static struct shot ball_of_two(const char *method, bool two_materials)
+{
+    struct stage s;
+    struct shot shot;
+    struct pell_mesh *half[2];
+    size_t first, second;
+    uint32_t k;
+
+    stage_start(&s, 32, 32);
+    s.settings.opposed = s.settings.curvature = true;
+    s.settings.bounces = 1;
+    stage_medium(&s, "wax", &first);
+    stage_medium(&s, "wax", &second)->rho_s = 0.0f;
+    s.scene->materials[first].rho_s = 0.0f;
+    for (int i = 0; i < 2; i++) {
+        stage_ball(&s, i && two_materials ? second : first, 0, vec3(0, 0, 0), 10.0f, 24);
+        half[i] = &s.scene->meshes[s.scene->num_meshes - 1];
+        k = half[i]->num_triangles / 2;
+        if (i == 1)
+            memmove(half[i]->index, half[i]->index + 3 * (size_t) k, 3 * (size_t) (half[i]->num_triangles - k) * sizeof(uint32_t));
+        half[i]->num_triangles = i == 0 ? k : half[i]->num_triangles - k;
+    }
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(80, 30, 40), vec3(0, 0, 0), 2.0f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 24.0f);
+    shot = stage_shot_of(&s, method, NULL);
+    stage_finish(&s);
+    return shot;
+}
+
+static void two_materials_of_one_medium_are_one_solid(void **state)
+{
+    static const char *const methods[] = { "screen-space", "hierarchical" };
+
+    (void) state;
+    for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+        struct shot one = ball_of_two(methods[i], false), two = ball_of_two(methods[i], true);
+        REQUIRE(shot_mean_green(&one) > 0.05);
+        REQUIRE(shot_equal(&one, &two));
+        shot_free(&one);
+        shot_free(&two);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(objects_have_ids_of_their_own_as_far_as_there_are_ids),
         cmocka_unit_test(a_scene_of_more_objects_than_ids_renders),
         cmocka_unit_test(more_materials_than_ids_are_refused),
+        cmocka_unit_test(two_materials_of_one_medium_are_one_solid),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

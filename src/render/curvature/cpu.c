@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the stage: patches of one object and material, the shape at their vertices, and its effect on light.
+ * cpu.c - the stage: patches of one object and medium, the shape at their vertices, and its effect on light.
  */
 #include "render/curvature/internal.h"
 #include "render/curvature/kernel.h"
@@ -11,6 +11,7 @@
 #include "optics/medium/small.h"
 #include "scene/mesh/topology.h"
 #include "shared/curvature.h"
+#include "transport/solids.h"
 
 #include <pellucid/layers.h>
 #include <pellucid/profile.h>
@@ -34,6 +35,7 @@ struct pell_curvature {
     const struct curvature_kernels *kernels;
     const struct pell_scene *scene;
     struct curvature_response *response; /* per scene material */
+    uint32_t *same;                      /* per scene material: pell_scene_same_media */
     uint32_t *patch_of;                  /* per mesh, or NO_PATCH */
     struct curvature_patch *patch;
     size_t num_patches, patch_capacity;
@@ -53,6 +55,7 @@ void pell_curvature_destroy(struct pell_curvature **curvature)
     pell_free(k->ctx, k->value);
     pell_free(k->ctx, k->coarse);
     pell_free(k->ctx, k->response);
+    pell_free(k->ctx, k->same);
     pell_free(k->ctx, k->patch_of);
     pell_free(k->ctx, k->patch);
     pell_free(k->ctx, k->grid.node);
@@ -222,20 +225,20 @@ static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *m
         }
     size = fmaxf(fmaxf(high.x - low.x, high.y - low.y), high.z - low.z);
     for (size_t i = 0; i < count && size > 0.0f; i++) {
-        const uint32_t material = (uint32_t) scene->meshes[meshes[i]].material;
+        const uint32_t medium = k->same[scene->meshes[meshes[i]].material];
         size_t at = *first;
-        if (!k->response[material].scatters)
+        if (!k->response[medium].scatters)
             continue;
-        while (at < k->num_patches && k->patch[at].material != material)
+        while (at < k->num_patches && k->patch[at].medium != medium)
             at++;
         if (at == k->num_patches) {
             if (pell_grow(k->ctx, (void **) &k->patch, at + 1, &k->patch_capacity, sizeof(*k->patch)) != PELL_OK)
                 return PELL_ERR_NOMEM;
             k->patch[k->num_patches++] = (struct curvature_patch) {
-                .material = material,
+                .medium = medium,
                 .low = low,
-                .step = fmaxf(k->response[material].step, size / MAX_CELLS),
-                .max_thickness = k->response[material].max_thickness,
+                .step = fmaxf(k->response[medium].step, size / MAX_CELLS),
+                .max_thickness = k->response[medium].max_thickness,
             };
         }
         k->patch_of[meshes[i]] = (uint32_t) at;
@@ -247,7 +250,7 @@ static enum pell_result make_object(struct pell_curvature *k, struct pell_pool *
                                     size_t count)
 {
     struct pell_topology t;
-    const struct curvature_object object = { pool, rays, k->scene, &t, k->scene->meshes[meshes[0]].object };
+    const struct curvature_object object = { pool, rays, k->scene, &t, k->same, k->scene->meshes[meshes[0]].object };
     size_t first;
     enum pell_result res;
 
@@ -337,11 +340,13 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
     k->scene = scene;
     k->kernels = curvature_kernels_tables[pell_simd_best()];
     k->response = pell_calloc(ctx, scene->num_materials, sizeof(*k->response));
+    k->same = pell_alloc_array(ctx, scene->num_materials, sizeof(*k->same));
     k->patch_of = pell_alloc_array(ctx, scene->num_meshes, sizeof(*k->patch_of));
     k->value = pell_calloc(ctx, scene->num_meshes, sizeof(*k->value));
     k->coarse = pell_calloc(ctx, scene->num_meshes, sizeof(*k->coarse));
-    if (!k->response || !k->patch_of || !k->value || !k->coarse)
+    if (!k->response || !k->same || !k->patch_of || !k->value || !k->coarse)
         goto fail;
+    pell_scene_same_media(scene, k->same);
     for (size_t i = 0; i < scene->num_meshes; i++)
         k->patch_of[i] = NO_PATCH;
     PELL_TRY(make_responses(k, pool, media));

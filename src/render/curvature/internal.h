@@ -9,9 +9,9 @@
 
 #include "math/vec.h"
 
-/* The part of an object that has one material. Its curvature is that of the whole object, averaged for this material. */
+/* The part of an object that has one medium. Its curvature is that of the whole object, averaged for this medium. */
 struct curvature_patch {
-    uint32_t material;
+    uint32_t medium; /* pell_scene_same_media */
     struct pell_vec3 low; /* corner of the object's box */
     float step;           /* mm: side of a cell of the grid */
     float max_thickness;  /* mm: largest thickness of thin parts */
@@ -51,7 +51,8 @@ struct curvature_object {
     const struct pell_rays *rays; /* NULL: nothing is thin */
     const struct pell_scene *scene;
     const struct pell_topology *topology;
-    int id; /* as in struct pell_mesh.object */
+    const uint32_t *same; /* per material: pell_scene_same_media */
+    int id;               /* as in struct pell_mesh.object */
 };
 
 /* Adds all triangles and edges of an object. First widens the patch's step to the length of the edges that represent a smooth surface. */

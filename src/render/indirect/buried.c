@@ -29,7 +29,7 @@ void indirect_along_normals16(const struct pell_indirect *in, size_t first, bool
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
         const struct indirect_sample *s = &in->samples[first + i];
         const struct pell_vec3 direction = vec3_mul(s->normal, inward ? -1.0f : 1.0f);
-        valid[i] = in->p.scene->materials[s->material].opaque ? 0 : -1;
+        valid[i] = in->p.scene->materials[s->medium].opaque ? 0 : -1;
         set_ray(r, (int) i, s, inward ? 0.0f : s->spacing, direction, direction);
     }
     pell_rays_closest16(in->p.rays, valid, false, r);
@@ -48,7 +48,7 @@ static void test16(void *arg, int index, int worker)
     (void) worker;
     for (size_t i = first; i < first + PACKET && i < in->num_samples; i++) {
         const struct indirect_sample *s = &in->samples[i];
-        if (in->p.scene->materials[s->material].opaque)
+        if (in->p.scene->materials[s->medium].opaque)
             continue;
         points[count] = (struct pell_buried_query) { s->position, s->normal, indirect_ray_offset(s->position, s->spacing),
                                                      in->p.scene->meshes[s->mesh].object };

@@ -61,7 +61,7 @@ static void add_sample(struct cutter *c, float u, float v, float spacing, bool b
             .normal = vec3_mul(n, side),
             .smooth = vec3_mul(vec3_normalize(point.normal), side),
             .spacing = spacing,
-            .material = (uint32_t) mesh->material,
+            .medium = in->same[mesh->material],
             .back = back,
         };
 }

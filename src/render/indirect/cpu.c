@@ -4,6 +4,8 @@
  */
 #include "render/indirect/internal.h"
 
+#include "transport/solids.h"
+
 #include <string.h>
 
 #define CHUNK 256 /* samples or knots per task */
@@ -19,6 +21,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
         pell_free(in->ctx, in->roots);
         pell_free(in->ctx, in->cells);
         pell_free(in->ctx, in->extra);
+        pell_free(in->ctx, in->same);
         pell_free(in->ctx, in->samples);
         pell_free(in->ctx, in->near);
     }
@@ -65,6 +68,7 @@ static void borrow_samples(struct pell_indirect *in, const struct pell_indirect 
     in->num_mesh_knots = from->num_mesh_knots;
     in->num_knots = from->num_knots;
     in->num_values = from->num_values;
+    in->same = from->same;
     in->samples = from->samples;
     in->num_samples = from->num_samples;
     in->near = from->near;
@@ -75,6 +79,10 @@ static enum pell_result make_samples(struct pell_indirect *in, struct pell_pool 
     struct indirect_spacing spacing;
     enum pell_result res;
 
+    in->same = pell_alloc_array(in->ctx, in->p.scene->num_materials, sizeof(*in->same));
+    if (!in->same)
+        return PELL_ERR_NOMEM;
+    pell_scene_same_media(in->p.scene, in->same);
     indirect_spacing_make(in->p.scene, &spacing);
     PELL_TRY(indirect_cells_make(in, &spacing));
     PELL_TRY(indirect_drop_buried(in, pool));
@@ -166,7 +174,7 @@ static void direct16(const struct solve *s, size_t first, size_t count)
     }
     s->lights->light_points(s->lights->engine, &params, &points, count, &out);
     for (size_t i = 0; i < count; i++) {
-        const uint32_t material = in->samples[first + i].material;
+        const uint32_t material = in->samples[first + i].medium;
         const bool opaque = in->p.scene->materials[material].opaque;
         for (int c = 0; c < 3; c++) {
             const float total = opaque ? 1.0f : s->total[material][c];
@@ -276,7 +284,7 @@ static double arriving_power(const struct pell_indirect *in, const float (*light
 
     for (size_t i = 0; i < in->num_samples; i++) {
         const struct indirect_sample *q = &in->samples[i];
-        if (!in->p.scene->materials[q->material].opaque)
+        if (!in->p.scene->materials[q->medium].opaque)
             sum += (double) (q->spacing * q->spacing) * (double) (light[i][0] + light[i][1] + light[i][2]);
     }
     return sum;

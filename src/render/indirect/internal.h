@@ -26,7 +26,7 @@ struct indirect_sample {
     struct pell_vec3 position, normal; /* mm; geometric normal, on the sample's side */
     struct pell_vec3 smooth;           /* interpolated vertex normals, on the same side */
     float spacing;                     /* distance between samples, mm */
-    uint32_t material;                 /* index in the scene */
+    uint32_t medium;                   /* its material, or an earlier one with the same medium (pell_scene_same_media) */
     bool back;                         /* on the side from which the triangle's corners run clockwise */
 };
 
@@ -104,6 +104,7 @@ struct pell_indirect {
     size_t num_roots, num_cells, num_extra, num_mesh_knots, num_knots;
     size_t num_values; /* knots, then the back sides of extra knots, then those of opaque meshes' vertices */
 
+    uint32_t *same; /* per material: pell_scene_same_media */
     struct indirect_sample *samples;
     size_t num_samples;
     struct indirect_link *links;                   /* [sample][INDIRECT_RAYS] */
@@ -249,7 +250,7 @@ PELL_NODISCARD enum pell_result indirect_specular_light(struct pell_indirect *in
 
 /* --- diffusion.c: diffusion in the actual solid --------------------------------------------------------------------------------------- */
 
-/* Samples of one solid and material. */
+/* Samples of one solid. */
 struct indirect_solid {
     const struct pell_surface_sample *samples; /* power without the scale for curvature, with albedo^m */
     const float (*source)[3]; /* part of their power that goes into the depth: unscaled, and without the surplus that oblique incidence

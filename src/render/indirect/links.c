@@ -172,7 +172,7 @@ static void link_sample(const struct linking *l, uint32_t sample_index)
         for (int i = 0; i < 16; i++) {
             float mean;
             if (r.hit.mesh[i] != PELL_NO_HIT)
-                enter_factor[i] = indirect_transmittance(in, s->material, mu[i], &mean);
+                enter_factor[i] = indirect_transmittance(in, s->medium, mu[i], &mean);
             links[first + i] = make_link(in, &r, i, enter_factor[i]);
         }
         if (in->specular_links)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * neighbours.c - the samples around each knot, and their weights. A sample counts if it is on the same material and side and has a similar
+ * neighbours.c - the samples around each knot, and their weights. A sample counts if it is on the same medium and side and has a similar
  * normal; its weight falls with its distance and with its height over the knot's plane. Samples are placed at random, and at an edge all
  * are on one side: the weights are corrected linearly, so that a quantity with a slope over the surface is interpolated correctly at the
  * knot.
@@ -26,8 +26,8 @@ struct kd_trees {
     size_t count;
 };
 
-/* How samples are grouped: by material and side, and for translucent objects also by object. */
-enum grouping { BY_MATERIAL, BY_OBJECT, GROUPINGS };
+/* How samples are grouped: by medium and side, and for translucent objects also by object. */
+enum grouping { BY_MEDIUM, BY_OBJECT, GROUPINGS };
 
 struct search {
     struct pell_indirect *in;
@@ -88,9 +88,9 @@ static void build(const struct pell_indirect *in, const struct kd_trees *t, uint
     }
 }
 
-static void set_key(enum grouping which, uint32_t material, bool back, int object, uint32_t key[2])
+static void set_key(enum grouping which, uint32_t medium, bool back, int object, uint32_t key[2])
 {
-    key[0] = 2 * material + (back ? 1 : 0);
+    key[0] = 2 * medium + (back ? 1 : 0);
     key[1] = which == BY_OBJECT ? (uint32_t) object : 0;
 }
 
@@ -112,7 +112,7 @@ static enum pell_result make_trees(const struct pell_indirect *in, enum grouping
     if (!key || !t->order || !t->key || !t->axis)
         goto fail;
     for (size_t i = 0; i < n; i++)
-        set_key(which, in->samples[i].material, in->samples[i].back, in->p.scene->meshes[in->samples[i].mesh].object, key + 2 * i);
+        set_key(which, in->samples[i].medium, in->samples[i].back, in->p.scene->meshes[in->samples[i].mesh].object, key + 2 * i);
     sorted = pell_sort_keys(in->ctx, key, 2, t->order, key + 2 * n, (uint32_t) n);
     res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     if (res != PELL_OK)
@@ -202,7 +202,7 @@ static void find_neighbours(const struct search *s, enum grouping which, const s
     const struct kd_trees *t = &s->kd_trees[which];
     uint32_t key[2], low, high;
 
-    set_key(which, key_sample->material, key_sample->back, s->in->p.scene->meshes[key_sample->mesh].object, key);
+    set_key(which, key_sample->medium, key_sample->back, s->in->p.scene->meshes[key_sample->mesh].object, key);
     low = find_bound(t, key, false);
     high = find_bound(t, key, true);
     q->reach = REACH * q->spacing;
@@ -240,7 +240,7 @@ static void find_knot(const struct search *s, uint32_t mesh, struct indirect_poi
 {
     const struct pell_scene *scene = s->in->p.scene;
     const int material = scene->meshes[mesh].material;
-    const struct indirect_sample key_sample = { .mesh = mesh, .material = (uint32_t) material, .back = s->back };
+    const struct indirect_sample key_sample = { .mesh = mesh, .medium = s->in->same[material], .back = s->back };
     struct query q = {
         .position = point.position,
         .normal = vec3_mul(vec3_normalize(point.normal), s->back ? -1.0f : 1.0f),
@@ -253,7 +253,7 @@ static void find_knot(const struct search *s, uint32_t mesh, struct indirect_poi
     if (!scene->materials[material].opaque)
         find_neighbours(s, BY_OBJECT, &key_sample, &q);
     if (q.count == 0)
-        find_neighbours(s, BY_MATERIAL, &key_sample, &q);
+        find_neighbours(s, BY_MEDIUM, &key_sample, &q);
     centre_weights(s->in, &q);
     for (int i = 0; i < q.count; i++)
         sum += q.found.weight[i];

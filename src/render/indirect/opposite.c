@@ -7,14 +7,14 @@
 
 #define PACKET 16
 
-/* Returns the sample where a ray leaves the solid, on the same object and material; INDIRECT_NONE if it does not exit there. */
+/* Returns the sample where a ray leaves the solid, on the same object and medium; INDIRECT_NONE if it does not exit there. */
 static uint32_t exit_sample(const struct pell_indirect *in, const struct indirect_sample *s, const struct pell_ray_hit16 *r, int i)
 {
     const struct pell_hit16 *h = &r->hit;
     const struct pell_scene *scene = in->p.scene;
     const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
 
-    if (!pell_hit16_inside(scene, r, i, scene->meshes[s->mesh].object) || (uint32_t) scene->meshes[h->mesh[i]].material != s->material)
+    if (!pell_hit16_inside(scene, r, i, scene->meshes[s->mesh].object) || in->same[scene->meshes[h->mesh[i]].material] != s->medium)
         return INDIRECT_NONE;
     return indirect_sample_at(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], false,
                               vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d));

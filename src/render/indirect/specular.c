@@ -138,7 +138,7 @@ static bool emit(const struct photon_pass *s, const struct arrival *from, uint32
 {
     const struct indirect_sample *q = from->sample;
     struct pell_vec3 w, o;
-    const float reflected_fraction = indirect_reflect(s->in, q->material, q->smooth, vec3_mul(from->v, -1.0f), hash, &w);
+    const float reflected_fraction = indirect_reflect(s->in, q->medium, q->smooth, vec3_mul(from->v, -1.0f), hash, &w);
 
     if (!(reflected_fraction > 0.0f) || !(vec3_dot(w, q->normal) > 0.0f))
         return false;

@@ -106,7 +106,7 @@ static void split_source(const struct transport *s, const struct indirect_sample
 
     for (int c = 0; c < 3; c++)
         source[c] = p->power[c] > 0.0f
-                        ? fmaxf(p->power[c] - shifted[c][i] - single[c][i], 0.0f) / (1.0f + s->solid[q->material].slope[c] * obliquity)
+                        ? fmaxf(p->power[c] - shifted[c][i] - single[c][i], 0.0f) / (1.0f + s->solid[q->medium].slope[c] * obliquity)
                         : 0.0f;
 }
 
@@ -135,7 +135,7 @@ static void enter16(const struct transport *s, size_t first, size_t count)
 
     for (size_t i = 0; i < count; i++) {
         const struct indirect_sample *q = &in->samples[first + i];
-        const float *amount = s->solid[q->material].opposed.amount;
+        const float *amount = s->solid[q->medium].opposed.amount;
         const bool is = amount[0] + amount[1] + amount[2] > 0.0f;
         mesh[i] = is && !q->back ? q->mesh : PELL_NO_HIT;
         triangle[i] = q->triangle;
@@ -166,8 +166,8 @@ static void enter16(const struct transport *s, size_t first, size_t count)
         s->diffuse[first + i] = valid[i] ? diffuse[i] : 0.0f;
         s->lit[first + i] = valid[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
-        if (s->solid[q->material].between_faces)
-            set_sum_weight(&s->solid[q->material], thinness[i], q->spacing, s->sum_weight[first + i]);
+        if (s->solid[q->medium].between_faces)
+            set_sum_weight(&s->solid[q->medium], thinness[i], q->spacing, s->sum_weight[first + i]);
     }
 }
 
@@ -258,16 +258,16 @@ static void gather_chunk(void *arg, int index, int worker)
     for (size_t i = first; i < first + CHUNK && i < s->count; i++) {
         const struct indirect_sample *to = &s->in->samples[s->list[i]];
         const float *solved = s->light[s->list[i]].solved, *sum_weight = s->sum_weight[s->list[i]];
-        struct pell_opposed opposed = s->solid[to->material].opposed;
+        struct pell_opposed opposed = s->solid[to->medium].opposed;
         struct exchange g = { { 0.0f }, { 0.0f } };
         for (int c = 0; c < 3; c++)
             opposed.amount[c] = solved[c] < 1.0f && sum_weight[c] > 0.0f ? opposed.amount[c] : 0.0f;
         if (opposed.amount[0] + opposed.amount[1] + opposed.amount[2] > 0.0f)
             gather(s, &opposed, to, &g);
         for (int c = 0; c < 3; c++) {
-            const float most = s->solid[to->material].returned[c];
+            const float most = s->solid[to->medium].returned[c];
             s->in->gathered[s->list[i]][c] = sum_weight[c] * s->crossed[s->list[i]][c] * g.light[c] *
-                                             (g.uniform[c] > most ? most / g.uniform[c] : 1.0f) * s->solid[to->material].white[c];
+                                             (g.uniform[c] > most ? most / g.uniform[c] : 1.0f) * s->solid[to->medium].white[c];
         }
     }
 }
@@ -276,7 +276,7 @@ static void gather_chunk(void *arg, int index, int worker)
 
 static bool same_group(const struct pell_indirect *in, const struct indirect_sample *a, const struct indirect_sample *b)
 {
-    return a->material == b->material && in->p.scene->meshes[a->mesh].object == in->p.scene->meshes[b->mesh].object;
+    return a->medium == b->medium && in->p.scene->meshes[a->mesh].object == in->p.scene->meshes[b->mesh].object;
 }
 
 /* Copies of the list's samples with their light scaled for curvature: what goes into the depth, without albedo, or all. */
@@ -336,7 +336,7 @@ static void set_beam_source(const struct transport *s, const struct pell_indirec
 /* Sums the forward-scattered light. */
 static enum pell_result sum_beams(const struct transport *s, struct pell_pool *pool)
 {
-    const struct pell_indirect_solid *as = &s->solid[s->in->samples[s->list[0]].material];
+    const struct pell_indirect_solid *as = &s->solid[s->in->samples[s->list[0]].medium];
     const struct indirect_forward forward = { s->in, &as->forward, s->list, s->thickness, s->count };
     struct pell_surface_sample *samples = pell_alloc_array(s->in->ctx, s->count, sizeof(*samples));
     enum pell_result res = PELL_OK;
@@ -351,7 +351,7 @@ static enum pell_result sum_beams(const struct transport *s, struct pell_pool *p
     for (size_t i = 0; i < s->count; i++) {
         const struct indirect_sample *to = &s->in->samples[s->list[i]];
         struct pell_indirect_beam *beam = &s->beam[s->list[i]];
-        const float *scale = s->in->forward[to->material].exitance_scale;
+        const float *scale = s->in->forward[to->medium].exitance_scale;
         beam->spacing = to->spacing;
         for (int c = 0; c < 3; c++) {
             beam->light[c] *= scale[c];
@@ -400,7 +400,7 @@ static bool contains_another(const struct pell_indirect *in, const struct indire
 
     for (size_t i = 0; i < scene->num_meshes && !holds; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        if (m->num_triangles > 0 && (m->object != object || (uint32_t) m->material != of->material))
+        if (m->num_triangles > 0 && (m->object != object || in->same[m->material] != of->medium))
             holds = is_inside(in, m, object);
     }
     return holds;
@@ -410,7 +410,7 @@ static bool contains_another(const struct pell_indirect *in, const struct indire
 static enum pell_result solve_solid(struct transport *s, struct pell_pool *pool, struct profile_sum *profile_sum)
 {
     struct pell_indirect *in = s->in;
-    const struct pell_indirect_solid *as = &s->solid[in->samples[s->list[0]].material];
+    const struct pell_indirect_solid *as = &s->solid[in->samples[s->list[0]].medium];
     struct indirect_solid solid = { .profile = as->profile, .opposed = &as->opposed, .profile_sum = profile_sum, .count = s->count };
     struct pell_surface_sample *lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
     struct indirect_solid_light *light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
@@ -517,8 +517,8 @@ static enum pell_result solve_group(struct transport *s, struct pell_pool *pool,
     count = s->count;
     if (contains_another(in, of))
         return PELL_OK;
-    if (s->solid[of->material].whole_solid)
-        PELL_TRY(make_whole(s, &s->solid[of->material], &profile_sum));
+    if (s->solid[of->medium].whole_solid)
+        PELL_TRY(make_whole(s, &s->solid[of->medium], &profile_sum));
     for (size_t i = 0, end; i < count; i = end) {
         for (end = i + 1; end < count && (!in->part || in->part[list[end]] == in->part[list[i]]); end++)
             ;
@@ -538,7 +538,7 @@ fail:
 static float exitance_at(const struct transport *s, uint32_t sample, int c)
 {
     const struct indirect_solid_light *from = &s->light[sample];
-    const bool whole_solid = s->solid[s->in->samples[sample].material].whole_solid;
+    const bool whole_solid = s->solid[s->in->samples[sample].medium].whole_solid;
 
     return (whole_solid ? from->solved[c] : 1.0f) * from->exitance[c] + (1.0f - from->solved[c]) * s->in->gathered[sample][c];
 }
@@ -547,7 +547,7 @@ static float exitance_at(const struct transport *s, uint32_t sample, int c)
 static void blend(const struct transport *s, uint32_t sample, float weight, struct pell_indirect_inside *to)
 {
     const struct indirect_solid_light *from = &s->light[sample];
-    const struct pell_indirect_solid *solid = &s->solid[s->in->samples[sample].material];
+    const struct pell_indirect_solid *solid = &s->solid[s->in->samples[sample].medium];
     const struct pell_opposed *opposed = &solid->opposed;
     const bool whole_solid = solid->whole_solid;
 
@@ -578,7 +578,7 @@ static void blend_beam(const struct pell_indirect_beam *from, float weight, stru
 /* Sets the directional distribution of light from the depth, except for the part that depends on the medium alone. */
 static void set_tilt(const struct transport *s, const struct indirect_near *near, struct pell_indirect_inside *to)
 {
-    const struct pell_indirect_solid *solid = near->weight[0] > 0.0f ? &s->solid[s->in->samples[near->sample[0]].material] : NULL;
+    const struct pell_indirect_solid *solid = near->weight[0] > 0.0f ? &s->solid[s->in->samples[near->sample[0]].medium] : NULL;
     float light[INDIRECT_NEAR][3], along_surface[3];
 
     if (!solid || !solid->profile)
