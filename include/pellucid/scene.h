@@ -30,7 +30,10 @@ struct pell_context;
 /* One run of triangles with one material, in world space. Arrays belong to the scene. */
 struct pell_mesh {
     char *name;
-    int object;   /* id shared by the meshes of one file node: closedness and thickness are tested per object */
+    int object; /* id shared by the meshes of one file node, >= 0 */
+    int file;   /* set by loading: number of its mesh file, from 1; 0: none */
+    int joined; /* set by pell_scene_complete: objects of one file that touch and have the same medium are one assembly. The id of one of them
+                   * + 1; 0: it is an assembly of its own */
     int material; /* index into the scene's materials; -1: pell_scene_complete sets marble */
     uint32_t num_vertices, num_triangles;
     float *position;         /* xyz, mm */
@@ -41,7 +44,15 @@ struct pell_mesh {
     uint32_t *index;         /* 3 per triangle, counter-clockwise seen from outside */
     bool light_shell;        /* set by pell_scene_complete: an opaque emissive mesh around a point or spot light. It casts no shadow
                               * and is visible to cameras only */
+    bool overlaps;           /* set by pell_scene_complete: closed parts of its assembly may touch or overlap, so some of its surface may be
+                              * inside the assembly */
 };
+
+/* The assembly that a mesh belongs to, an object's id. Light crosses inside an assembly; closedness and thickness are those of assemblies. */
+static inline int pell_mesh_assembly(const struct pell_mesh *mesh)
+{
+    return mesh->joined > 0 ? mesh->joined - 1 : mesh->object;
+}
 
 struct pell_texture {
     char *name; /* its file or location, for messages */
@@ -261,6 +272,7 @@ struct pell_object_report {
     int64_t triangles, boundary_edges, nonmanifold_edges, flipped_edges, degenerate_triangles;
     int components;
     bool closed, outward; /* outward: positive enclosed volume */
+    bool joined;          /* part of an assembly of several objects, which is closed */
     double volume_mm3, area_mm2;
     double thickness_mm; /* 2 * volume / area scaled: a mean thickness; 0 if open */
     bool holds_camera;   /* closed, and the first camera is inside it */

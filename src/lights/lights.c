@@ -288,7 +288,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
     if (!lights->environments)
         goto fail;
     for (size_t i = 0; i < scene->num_meshes; i++)
-        lights->parts[lights->num_parts++] = (struct pell_lights_part) { scene->meshes[i].object, scene->meshes[i].material };
+        lights->parts[lights->num_parts++] = (struct pell_lights_part) { pell_mesh_assembly(&scene->meshes[i]), scene->meshes[i].material };
     qsort(lights->parts, lights->num_parts, sizeof(*lights->parts), compare_parts);
 
     for (size_t i = 0; i < scene->num_lights; i++) {

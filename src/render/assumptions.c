@@ -105,7 +105,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         if (o->holds_camera && may_report(ctx, &found[HOLDS_CAMERA]))
             pell_warn(ctx, name, "move the camera, or check its unit against the mesh's",
                       "the camera is inside the object; methods render objects only from outside");
-        if (!o->closed && may_report(ctx, &found[OPEN]))
+        if (!o->closed && !o->joined && may_report(ctx, &found[OPEN]))
             pell_warn(ctx, name, "close it: transmission needs a closed surface",
                       "the surface is open (%lld boundary edges): a translucent object needs a closed surface",
                       (long long) o->boundary_edges);

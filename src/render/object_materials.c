@@ -37,7 +37,7 @@ static size_t list_keys(const struct pell_scene *scene, const struct pell_scene_
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         if (mesh->material >= 0 && (size_t) mesh->material < scene->num_materials && m->frame_index[mesh->material + 1])
-            keys[n++] = (struct mesh_key) { m->frame_index[mesh->material + 1], mesh->object, (uint32_t) i };
+            keys[n++] = (struct mesh_key) { m->frame_index[mesh->material + 1], pell_mesh_assembly(mesh), (uint32_t) i };
     }
     qsort(keys, n, sizeof(*keys), compare);
     return n;

@@ -176,7 +176,7 @@ static enum pell_result report_object(struct check *k, const struct pell_topolog
 
     for (size_t i = 0; i < t->num_meshes; i++)
         translucent |= !k->scene->materials[k->scene->meshes[t->mesh[i]].material].opaque;
-    if (translucent && o->boundary_edges)
+    if (translucent && o->boundary_edges && !o->joined)
         PELL_TRY(add(k, OPEN, PELL_SEVERITY_WARNING, where,
                      "is open: %s one triangle, so there is no inside and no thickness; close the mesh",
                      pell_counted(o->boundary_edges, "edge has", "edges have").str));
@@ -349,6 +349,7 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
             (struct signature) { .triangles = t.num_triangles, .object = k->report->num_objects, .meshes = meshes, .num_meshes = count };
         k->report->num_objects++;
         o->material = k->scene->meshes[meshes[0]].material;
+        o->joined = k->scene->meshes[meshes[0]].joined > 0;
         pell_topology_parts(&t, k->scene, parts);
         measure(&t, parts, o);
         o->faceted = pell_is_faceted(k->scene, &t);

@@ -3,6 +3,7 @@
  * orientation, normals and tangents, and adds defaults for missing parts. */
 #include "scene/layers.h"
 #include "scene/mesh/topology.h"
+#include "scene/mesh/touching.h"
 
 #include <float.h>
 #include <string.h>
@@ -12,6 +13,9 @@
 #define SMALLEST_EXTENT 5e-4f    /* mm, extent of a scene: half a micrometre */
 #define COARSEST 1e-3f           /* of the scene's extent: the largest spacing of floats that still represents the shape */
 #define NO_LENGTH 1e-30f         /* shorter vectors have no direction: their inverse length would overflow */
+
+#define PARTS_TRIED 1000 /* parts of an object whose boxes are compared */
+#define PART_GAP 1e-5    /* of the coordinates: boxes this near may touch */
 
 static bool in_range(double value, double min, double max)
 {
@@ -384,6 +388,35 @@ static enum pell_result make_topology(struct pell_scene *scene, const uint32_t *
     return pell_topology_make(t, scene, meshes, count);
 }
 
+/* Sets pell_mesh.overlaps. Of many parts some are assumed to touch; parts that share edges are one part. */
+static enum pell_result find_overlaps(struct pell_scene *scene, const struct pell_topology *t)
+{
+    struct pell_part *parts;
+    bool overlaps = t->num_parts > PARTS_TRIED;
+
+    for (uint32_t i = 0, end; i < t->num_halves && !overlaps; i = end) {
+        end = pell_topology_edge(t, i);
+        overlaps = end - i > 2;
+    }
+    parts = pell_alloc_array(scene->ctx, t->num_parts, sizeof(*parts));
+    if (!parts)
+        return PELL_ERR_NOMEM;
+    if (!overlaps)
+        pell_topology_parts(t, scene, parts);
+    for (uint32_t i = 0; i < t->num_parts && !overlaps; i++)
+        for (uint32_t k = 0; k < i && !overlaps; k++) {
+            overlaps = parts[i].closed && parts[k].closed;
+            for (int c = 0; c < 3; c++) {
+                const double gap = PART_GAP * fmax(fabs(parts[i].max[c]), fabs(parts[i].min[c]));
+                overlaps &= parts[i].min[c] <= parts[k].max[c] + gap && parts[k].min[c] <= parts[i].max[c] + gap;
+            }
+        }
+    for (size_t m = 0; m < t->num_meshes; m++)
+        scene->meshes[t->mesh[m]].overlaps = overlaps;
+    pell_free(scene->ctx, parts);
+    return PELL_OK;
+}
+
 static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count, bool quiet)
 {
     enum pell_result (*const reorient[])(struct pell_scene *, const struct pell_topology *, const char *,
@@ -405,6 +438,8 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
             res = pell_topology_make(&t, scene, meshes, count);
         }
     }
+    if (res == PELL_OK)
+        res = find_overlaps(scene, &t);
     if (res == PELL_OK && !quiet && pell_is_faceted(scene, &t))
         pell_info(scene->ctx, where.str, "has per-face normals, so its triangles are visible: --normals smooth computes smooth ones");
     if (res == PELL_OK)
@@ -423,9 +458,11 @@ static enum pell_result complete_objects(struct pell_scene *scene, bool quiet)
 
     if (!order || !scratch)
         goto fail;
-    pell_scene_objects(scene, order, scratch);
+    pell_scene_assemblies(scene, order, scratch);
     for (size_t i = 0, end; i < scene->num_meshes; i = end) {
-        for (end = i + 1; end < scene->num_meshes && scene->meshes[order[end]].object == scene->meshes[order[i]].object; end++)
+        for (end = i + 1;
+             end < scene->num_meshes && pell_mesh_assembly(&scene->meshes[order[end]]) == pell_mesh_assembly(&scene->meshes[order[i]]);
+             end++)
             ;
         PELL_TRY(complete_object(scene, order + i, end - i, quiet));
     }
@@ -575,6 +612,7 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
         goto fail;
     }
     PELL_TRY(check_size(scene));
+    PELL_TRY(pell_join_touching(scene, params->bare));
     PELL_TRY(complete_objects(scene, params->bare));
     PELL_TRY(complete_tangents(scene));
     if (pell_cancelled(scene->ctx)) {

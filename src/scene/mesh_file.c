@@ -269,6 +269,8 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
     for (int i = 0; i < 3; i++)
         matrix.m[5 * i] = mm;
     PELL_TRY(pell_scene_transform(import.scene, &matrix, mm));
+    for (size_t i = 0; i < import.scene->num_meshes; i++)
+        import.scene->meshes[i].file = 1;
     import.scene->mm_per_unit = mm;
     import.scene->animated = import.animations > 0;
     *out = import.scene;
@@ -284,7 +286,7 @@ enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from
 {
     const struct pell_limits *limits = pell_context_limits(to->ctx);
     const int materials = (int) to->num_materials;
-    int objects = 0;
+    int objects = 0, files = 0;
     size_t index;
     enum pell_result res;
 
@@ -293,8 +295,10 @@ enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from
             to->ctx, PELL_ERR_UNSUPPORTED, to->path, "raise the limits: --limit vertices=N --limit triangles=N",
             "%lld vertices and %lld triangles; %lld and %lld are allowed", (long long) (to->total_vertices + from->total_vertices),
             (long long) (to->total_triangles + from->total_triangles), (long long) limits->vertices, (long long) limits->triangles);
-    for (size_t i = 0; i < to->num_meshes; i++)
+    for (size_t i = 0; i < to->num_meshes; i++) {
         objects = to->meshes[i].object >= objects ? to->meshes[i].object + 1 : objects;
+        files = to->meshes[i].file > files ? to->meshes[i].file : files;
+    }
     for (size_t i = 0; i < from->num_meshes; i++) {
         struct pell_mesh *source = &from->meshes[i], *target;
         char *name;
@@ -307,6 +311,7 @@ enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from
         memset(source, 0, sizeof(*source));
         source->name = name;
         target->object = target->object > INT32_MAX - objects ? objects : target->object + objects;
+        target->file = target->file > 0 && files < INT32_MAX - 1 ? files + 1 : 0;
         target->material += target->material >= 0 ? materials : 0;
     }
     to->animated |= from->animated;

@@ -160,6 +160,10 @@ bool pell_scene_has_area(const struct pell_scene *scene);
 
 struct pell_topology;
 
+/* Sets for each material of the scene the first one that scatters light in the same way below the surface: parts of one object with equal
+ * numbers are one volume, whatever their surfaces look like. Opaque and layered materials are equal to none but themselves. */
+void pell_scene_same_media(const struct pell_scene *scene, uint32_t *same);
+
 /* Makes the missing normals of the meshes of one object, which `topology` describes. Meshes without any get creases where faces meet at
  * more than 60 degrees. */
 PELL_NODISCARD enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_topology *topology);

@@ -150,31 +150,6 @@ fail:
     return res;
 }
 
-static bool same_text(const char *a, const char *b)
-{
-    return a && b ? strcmp(a, b) == 0 : a == b;
-}
-
-static bool same_medium(const struct pell_material *a, const struct pell_material *b)
-{
-    return a->model == b->model && a->strength == b->strength &&
-           (a->color_from == PELL_COLOR_FROM_TEXTURE) == (b->color_from == PELL_COLOR_FROM_TEXTURE) && same_text(a->preset, b->preset) &&
-           !a->profile == !b->profile && (!a->profile || memcmp(a->profile, b->profile, 3 * sizeof(*a->profile)) == 0) &&
-           memcmp(&a->gaussians, &b->gaussians, sizeof(a->gaussians)) == 0 && memcmp(&a->medium, &b->medium, sizeof(a->medium)) == 0;
-}
-
-void pell_scene_same_media(const struct pell_scene *scene, uint32_t *same)
-{
-    const struct pell_material *m = scene->materials;
-
-    for (uint32_t i = 0; i < scene->num_materials; i++) {
-        uint32_t k = m[i].opaque || m[i].num_layers > 0 ? i : 0;
-        while (k < i && (same[k] != k || m[k].opaque || m[k].num_layers > 0 || !same_medium(&m[k], &m[i])))
-            k++;
-        same[i] = k;
-    }
-}
-
 /* Hash table from an object's index to its solids, chained by `next`. */
 struct by_object {
     int32_t *first, *next;
@@ -266,7 +241,7 @@ enum pell_result pell_solids_create(struct pell_context *ctx, const struct pell_
         const size_t at = frame_index[m->material + 1];
         const bool layered = scene->materials[m->material].num_layers > 0;
 
-        b->of_mesh[i] = at == 0 ? -1 : solid_of(b, &objects, materials, m->object, at - 1, layered);
+        b->of_mesh[i] = at == 0 ? -1 : solid_of(b, &objects, materials, pell_mesh_assembly(m), at - 1, layered);
     }
     PELL_TRY(list_solids(b, scene));
     pell_free(ctx, objects.next);

@@ -2,9 +2,9 @@
  *
  * solids.h - the translucent objects of a scene for methods that need whole surfaces, visible or not.
  *
- * A solid is a volume in which light propagates below the surface: all triangles of one object (struct pell_mesh.object) whose materials
- * have the same profile. Light therefore crosses between materials of the same object only if both have the same medium and model (or
- * Gaussians, or table; layers belong to one material), and never between objects, however close.
+ * A solid is a volume in which light propagates below the surface: all triangles of one assembly (pell_mesh_assembly) whose materials
+ * have the same profile. Light therefore crosses between materials of the same assembly only if both have the same medium and model (or
+ * Gaussians, or table; layers belong to one material), and never between assemblies, however close.
  */
 #ifndef PELL_SOLIDS_H
 #define PELL_SOLIDS_H
@@ -40,10 +40,6 @@ struct pell_solids {
 PELL_NODISCARD enum pell_result pell_solids_create(struct pell_context *ctx, const struct pell_scene *scene, const uint16_t *frame_index,
                                                    const struct pell_frame_material *materials, struct pell_solids **out);
 void pell_solids_destroy(struct pell_solids **solids);
-
-/* Sets for each material of the scene the first one that scatters light in the same way below the surface: parts of one object with equal
- * numbers are one volume, whatever their surfaces look like. Opaque and layered materials are equal to none but themselves. */
-void pell_scene_same_media(const struct pell_scene *scene, uint32_t *same);
 
 /* Whether a material scatters by its coefficients, and not by Gaussians or a tabulated profile. `m`: the frame's version of it. */
 static inline bool pell_scatters_by_medium(const struct pell_material *material, const struct pell_frame_material *m)

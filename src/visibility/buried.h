@@ -12,7 +12,7 @@
 struct pell_buried_query {
     struct pell_vec3 position, normal; /* mm; unit, outward */
     float clearance;                   /* mm */
-    int object;                        /* pell_mesh.object */
+    int object;                        /* pell_mesh_assembly */
 };
 
 /* The points, of up to PELL_PACKET, that are inside of their own objects: most of their rays hit an inner side. A ray along the normal that

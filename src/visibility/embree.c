@@ -4,10 +4,10 @@
  * Traversal is robust, so that rays do not pass between triangles at shared edges (some in 500 of rays aimed exactly at vertices still do).
  * Masks use Embree's if it was built with them (Debian's is), else a filter function on every geometry. Embree reads positions 16 bytes at
  * a time: pell_mesh_allocate adds padding after the last vertex. */
+#include "visibility/embree.h"
 #include "image/color.h"
-#include "visibility/rays.h"
+#include "scene/scene.h"
 
-#include <embree3/rtcore.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -52,33 +52,10 @@ _Static_assert(PELL_NO_HIT == RTC_INVALID_GEOMETRY_ID, "no hit is Embree's no ge
 #define THREAD_SANITIZER 0
 #endif
 
-/* Data of a geometry's filter function. */
-struct surface {
-    const struct pell_mesh *mesh;
-    const struct pell_material *material;
-    uint32_t mask;
-    bool alpha;        /* test the base colour's alpha */
-    bool single_sided; /* cameras see only its front */
-};
-
-struct pell_rays {
-    struct pell_context *ctx;
-    RTCDevice device;
-    RTCScene scene;
-    bool committed;                   /* its build was started */
-    struct surface *surfaces;         /* one per mesh */
-    _Atomic int64_t bytes;            /* allocated by Embree */
-    atomic_bool over_limit, building; /* building: its tasks have begun */
-    _Atomic int error;                /* first enum RTCError */
-    char text[120];                   /* Embree's error message */
-    struct pell_ray_record *record;   /* borrowed; NULL: none */
-    bool native16;                    /* Embree traverses packets of 16 itself */
-};
-
 /* --- Filters ------------------------------------------------------------------------------------------------------------------ */
 
 /* Alpha of the base colour at a hit: factor x map x vertex colour, as glTF defines it. */
-static float alpha_at(const struct surface *s, uint32_t triangle, float u, float v)
+static float alpha_at(const struct pell_rays_surface *s, uint32_t triangle, float u, float v)
 {
     const uint32_t *i = s->mesh->index + 3 * (size_t) triangle;
     const struct pell_texture_map *map = &s->material->base_color_map;
@@ -101,7 +78,7 @@ static float alpha_at(const struct surface *s, uint32_t triangle, float u, float
 
 static void filter(const struct RTCFilterFunctionNArguments *args)
 {
-    const struct surface *s = args->geometryUserPtr;
+    const struct pell_rays_surface *s = args->geometryUserPtr;
     const unsigned n = args->N;
     const float *hit = (const float *) args->hit; /* planes of n: Ng x, y, z, u, v, primID, ... */
     const uint32_t *triangle = (const uint32_t *) args->hit + 5 * (size_t) n;
@@ -114,7 +91,9 @@ static void filter(const struct RTCFilterFunctionNArguments *args)
         if (!(mask[i] & s->mask) ||
             (s->single_sided && mask[i] == PELL_RAY_CAMERA &&
              hit[i] * dir[i] + hit[n + i] * dir[n + i] + hit[2 * n + i] * dir[2 * n + i] > 0) ||
-            (s->alpha && alpha_at(s, triangle[i], hit[3 * (size_t) n + i], hit[4 * (size_t) n + i]) < s->material->alpha_cutoff))
+            (s->alpha && alpha_at(s, triangle[i], hit[3 * (size_t) n + i], hit[4 * (size_t) n + i]) < s->material->alpha_cutoff) ||
+            (!pell_counts_crossings(args->context) &&
+             pell_surface_is_inside(s, triangle[i], hit[3 * (size_t) n + i], hit[4 * (size_t) n + i])))
             args->valid[i] = 0;
     }
 }
@@ -207,13 +186,16 @@ static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *
 {
     const struct pell_mesh *m = &scene->meshes[number];
     const struct pell_material *material = &scene->materials[m->material];
-    struct surface *s = &rays->surfaces[number];
+    struct pell_rays_surface *s = &rays->surfaces[number];
     RTCGeometry geometry;
 
     s->mesh = m;
     s->material = material;
     s->mask = m->light_shell ? PELL_RAY_LIGHT_SHELL : material->opaque ? PELL_RAY_OPAQUE : PELL_RAY_TRANSLUCENT;
     s->single_sided = pell_rays_single_sided(scene, m);
+    s->scene = rays->scene;
+    if (m->overlaps && !material->opaque && !(s->side = pell_zalloc(rays->ctx, m->num_triangles)))
+        return PELL_ERR_NOMEM;
     if (!pell_rays_show(scene, m, &s->alpha))
         return PELL_OK;
 
@@ -226,9 +208,9 @@ static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *
         rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_MEDIUM);
         rtcSetGeometryMask(geometry, s->mask);
         rtcSetGeometryUserData(geometry, s);
-        if (s->alpha || !masks || s->single_sided)
+        if (s->alpha || !masks || s->single_sided || s->side)
             rtcSetGeometryIntersectFilterFunction(geometry, filter);
-        if (s->alpha || !masks)
+        if (s->alpha || !masks || s->side)
             rtcSetGeometryOccludedFilterFunction(geometry, filter);
         rtcCommitGeometry(geometry);
         rtcAttachGeometryByID(rays->scene, geometry, (unsigned) number);
@@ -255,6 +237,19 @@ static enum pell_result check_memory(const struct pell_scene *scene, struct pell
         return PELL_OK;
     return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, pell_pool_threads(pool) > 1 ? "use fewer threads" : NULL,
                       "out of memory: the ray structure of %zu triangles needs about %zu MB", triangles, bytes >> 20);
+}
+
+static enum pell_result set_media(struct pell_rays *rays, const struct pell_scene *scene)
+{
+    uint32_t *same = pell_alloc_array(rays->ctx, scene->num_materials, sizeof(*same));
+
+    if (!same)
+        return PELL_ERR_NOMEM;
+    pell_scene_same_media(scene, same);
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        rays->surfaces[i].medium = same[scene->meshes[i].material];
+    pell_free(rays->ctx, same);
+    return PELL_OK;
 }
 
 static RTCDevice new_device(struct pell_pool *pool)
@@ -285,6 +280,7 @@ enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_sc
         return PELL_ERR_NOMEM;
     rays->ctx = ctx;
     rays->surfaces = pell_calloc(ctx, scene->num_meshes, sizeof(*rays->surfaces));
+    rays->num_surfaces = scene->num_meshes;
     if (!rays->surfaces) {
         res = PELL_ERR_NOMEM;
         goto fail;
@@ -305,12 +301,14 @@ enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_sc
     rtcSetSceneFlags(rays->scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION); /* pell_rays_exits has a filter */
     rtcSetSceneBuildQuality(rays->scene, RTC_BUILD_QUALITY_MEDIUM);
     rtcSetSceneProgressMonitorFunction(rays->scene, on_progress, rays);
+    PELL_TRY(set_media(rays, scene));
     for (size_t i = 0; i < scene->num_meshes; i++)
         PELL_TRY(attach(rays, scene, i, masks));
     PELL_TRY(check_memory(scene, pool));
     rays->committed = true;
     rtcCommitScene(rays->scene);
     PELL_TRY(check(rays, scene, (enum RTCError) atomic_load(&rays->error)));
+    pell_rays_find_sides(rays, scene, pool);
     if (pell_cancelled(ctx)) {
         res = PELL_ERR_CANCELLED;
         goto fail;
@@ -341,20 +339,13 @@ void pell_rays_destroy(struct pell_rays **rays)
         if (r->device)
             rtcReleaseDevice(r->device);
     }
+    for (size_t i = 0; r->surfaces && i < r->num_surfaces; i++)
+        pell_free(r->ctx, r->surfaces[i].side);
     pell_free(r->ctx, r->surfaces);
     pell_free(r->ctx, r);
 }
 
 /* --- Queries ------------------------------------------------------------------------------------------------------------------ */
-
-static struct RTCIntersectContext intersect_context(bool coherent)
-{
-    struct RTCIntersectContext context;
-
-    rtcInitIntersectContext(&context);
-    context.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-    return context;
-}
 
 static void record_ray(struct pell_ray_record *record, const struct pell_ray *ray, bool occlusion)
 {
@@ -395,7 +386,7 @@ static void restore_invalid(const int *valid, struct pell_ray16 *restrict r, con
 
 void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray_hit16 *packet)
 {
-    struct RTCIntersectContext context = intersect_context(coherent);
+    struct RTCIntersectContext context = pell_intersect_context(coherent);
     float tfar[PELL_PACKET];
 
     if (rays->record)
@@ -411,7 +402,7 @@ void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool co
 
 void pell_rays_occluded16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray16 *packet)
 {
-    struct RTCIntersectContext context = intersect_context(coherent);
+    struct RTCIntersectContext context = pell_intersect_context(coherent);
     float tfar[PELL_PACKET];
 
     if (!rays->native16)
@@ -419,21 +410,6 @@ void pell_rays_occluded16(const struct pell_rays *rays, const int *valid, bool c
     rtcOccluded16(valid, rays->scene, &context, (struct RTCRay16 *) packet);
     if (!rays->native16)
         restore_invalid(valid, packet, tfar);
-}
-
-static struct RTCRay single_ray(const struct pell_ray *ray)
-{
-    return (struct RTCRay) {
-        .org_x = ray->origin[0],
-        .org_y = ray->origin[1],
-        .org_z = ray->origin[2],
-        .tnear = ray->tnear,
-        .dir_x = ray->direction[0],
-        .dir_y = ray->direction[1],
-        .dir_z = ray->direction[2],
-        .tfar = ray->tfar,
-        .mask = ray->mask,
-    };
 }
 
 void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record)
@@ -487,13 +463,13 @@ static int64_t trace_packets(const struct pell_rays *rays, const struct pell_ray
 int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record, bool packets)
 {
     const size_t count = record->count < record->capacity ? record->count : record->capacity;
-    struct RTCIntersectContext context = intersect_context(false);
+    struct RTCIntersectContext context = pell_intersect_context(false);
     int64_t hits = 0;
 
     if (packets)
         return trace_packets(rays, record, count);
     for (size_t i = 0; i < count; i++) {
-        struct RTCRayHit r = { .ray = single_ray(&record->rays[i]), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
+        struct RTCRayHit r = { .ray = pell_embree_ray(&record->rays[i]), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
         if (record->occlusion[i]) {
             rtcOccluded1(rays->scene, &context, &r.ray);
             hits += r.ray.tfar < 0.0f;
@@ -507,8 +483,8 @@ int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_r
 
 bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray, struct pell_hit *hit)
 {
-    struct RTCIntersectContext context = intersect_context(false);
-    struct RTCRayHit r = { .ray = single_ray(ray), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
+    struct RTCIntersectContext context = pell_intersect_context(false);
+    struct RTCRayHit r = { .ray = pell_embree_ray(ray), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
 
     if (rays->record)
         record_ray(rays->record, ray, false);
@@ -521,179 +497,11 @@ bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray,
 
 bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray)
 {
-    struct RTCIntersectContext context = intersect_context(false);
-    struct RTCRay r = single_ray(ray);
+    struct RTCIntersectContext context = pell_intersect_context(false);
+    struct RTCRay r = pell_embree_ray(ray);
 
     if (rays->record)
         record_ray(rays->record, ray, true);
     rtcOccluded1(rays->scene, &context, &r);
     return r.tfar < 0.0f;
-}
-
-/* --- Crossings ------------------------------------------------------------------------------------------------------------------ */
-
-struct crossings {
-    struct RTCIntersectContext context; /* first: Embree passes it to the filter */
-    int object, exits;
-};
-
-/* Counts an intersection, and rejects it, so that the ray continues to all others. */
-static void count_crossing(const struct RTCFilterFunctionNArguments *args)
-{
-    struct crossings *c = (struct crossings *) args->context;
-    const struct surface *s = args->geometryUserPtr;
-    const float *n = (const float *) args->hit, *d = (const float *) args->ray + 4; /* planes of one, see filter */
-    const float along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
-
-    if (args->valid[0] == -1 && s->mesh->object == c->object)
-        c->exits += along > 0.0f ? 1 : -1;
-    args->valid[0] = 0;
-}
-
-int pell_rays_exits(const struct pell_rays *rays, const struct pell_ray *ray, int object)
-{
-    struct crossings c = { .context = intersect_context(false), .object = object };
-    struct RTCRayHit r = { .ray = single_ray(ray), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
-
-    c.context.filter = count_crossing;
-    rtcIntersect1(rays->scene, &c.context, &r);
-    return c.exits;
-}
-
-/* --- Closest point -------------------------------------------------------------------------------------------------------------- */
-
-/* The search radius exceeds the nearest distance slightly, so that the result does not depend on the traversal order. */
-#define RADIUS_MARGIN 1.000001
-
-struct nearest_search {
-    const struct pell_rays *rays;
-    const int32_t *of_mesh;
-    int32_t which;
-    double x[3], best2; /* squared distance */
-    double u, v;
-    uint32_t mesh, triangle;
-};
-
-static double dot3(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-/* Parameter of the point on the segment from a to a + e that is nearest to a + d, [0, 1]; and its squared distance. */
-static double segment(const double d[3], const double e[3], double *t)
-{
-    const double ee = dot3(e, e), along = ee > 0.0 ? dot3(d, e) / ee : 0.0;
-    double off[3];
-
-    *t = along > 0.0 ? along < 1.0 ? along : 1.0 : 0.0;
-    for (int k = 0; k < 3; k++)
-        off[k] = d[k] - *t * e[k];
-    return dot3(off, off);
-}
-
-/* Squared distance from the point p0 + d to the triangle of edges e, f from p0, and the barycentrics of the nearest point: the projection
- * if it is inside, else on the nearest side. */
-static double distance2_to_triangle(const double d[3], const double e[3], const double f[3], double *u, double *v)
-{
-    const double ee = dot3(e, e), ef = dot3(e, f), ff = dot3(f, f), de = dot3(d, e), df = dot3(d, f), det = ee * ff - ef * ef;
-    const double pu = ff * de - ef * df, pv = ee * df - ef * de;
-    double best, d2, t, g[3], h[3];
-
-    for (int k = 0; k < 3; k++) {
-        g[k] = f[k] - e[k];
-        h[k] = d[k] - e[k];
-    }
-    if (pu > 0.0 && pv > 0.0 && pu + pv < det) {
-        *u = pu / det;
-        *v = pv / det;
-        for (int k = 0; k < 3; k++)
-            h[k] = d[k] - *u * e[k] - *v * f[k];
-        return dot3(h, h);
-    }
-    best = segment(d, e, &t);
-    *u = t;
-    *v = 0.0;
-    d2 = segment(d, f, &t);
-    if (d2 < best) {
-        best = d2;
-        *u = 0.0;
-        *v = t;
-    }
-    d2 = segment(h, g, &t);
-    if (d2 < best) {
-        best = d2;
-        *u = 1.0 - t;
-        *v = t;
-    }
-    return best;
-}
-
-static bool try_triangle(struct RTCPointQueryFunctionArguments *args)
-{
-    struct nearest_search *s = args->userPtr;
-    const struct pell_mesh *m = s->rays->surfaces[args->geomID].mesh;
-    const uint32_t *index = m->index + 3 * (size_t) args->primID;
-    double d[3], e[3], f[3], d2, u, v, radius;
-
-    if (s->of_mesh && s->of_mesh[args->geomID] != s->which)
-        return false;
-    for (size_t k = 0; k < 3; k++) {
-        const double a = (double) m->position[3 * (size_t) index[0] + k];
-        d[k] = s->x[k] - a;
-        e[k] = (double) m->position[3 * (size_t) index[1] + k] - a;
-        f[k] = (double) m->position[3 * (size_t) index[2] + k] - a;
-    }
-    d2 = distance2_to_triangle(d, e, f, &u, &v);
-    if (!(d2 <= s->best2) ||
-        (d2 == s->best2 && s->mesh != PELL_NO_HIT && (args->geomID > s->mesh || (args->geomID == s->mesh && args->primID >= s->triangle))))
-        return false;
-    s->best2 = d2;
-    s->u = u;
-    s->v = v;
-    s->mesh = args->geomID;
-    s->triangle = args->primID;
-    radius = sqrt(d2) * RADIUS_MARGIN;
-    if (!(radius < (double) args->query->radius))
-        return false;
-    args->query->radius = (float) radius;
-    return true;
-}
-
-bool pell_rays_closest_point(const struct pell_rays *rays, struct pell_vec3 x, float radius, const int32_t *of_mesh, int32_t which,
-                             struct pell_nearest *out)
-{
-    struct nearest_search s = {
-        .rays = rays,
-        .of_mesh = of_mesh,
-        .which = which,
-        .x = { (double) x.x, (double) x.y, (double) x.z },
-        .best2 = (double) radius * (double) radius,
-        .mesh = PELL_NO_HIT,
-    };
-    struct RTCPointQuery query = { .x = x.x, .y = x.y, .z = x.z, .time = 0.0f, .radius = (float) ((double) radius * RADIUS_MARGIN) };
-    struct RTCPointQueryContext context;
-    const struct pell_mesh *m;
-    const uint32_t *index;
-    float point[3];
-
-    if (!isfinite(x.x + x.y + x.z) || !(radius >= 0.0f))
-        return false;
-    rtcInitPointQueryContext(&context);
-    rtcPointQuery(rays->scene, &query, &context, try_triangle, &s);
-    if (s.mesh == PELL_NO_HIT)
-        return false;
-    out->mesh = s.mesh;
-    out->triangle = s.triangle;
-    out->u = (float) s.u;
-    out->v = (float) s.v;
-    out->distance = sqrt(s.best2);
-    m = rays->surfaces[s.mesh].mesh;
-    index = m->index + 3 * (size_t) s.triangle;
-    for (size_t k = 0; k < 3; k++) {
-        const double a = (double) m->position[3 * (size_t) index[0] + k], b = (double) m->position[3 * (size_t) index[1] + k],
-                     c = (double) m->position[3 * (size_t) index[2] + k];
-        point[k] = (float) (a + s.u * (b - a) + s.v * (c - a));
-    }
-    out->point = vec3_load(point);
-    return true;
 }

@@ -74,7 +74,7 @@ static inline void pell_ray16_set(struct pell_ray16 *r, int i, struct pell_vec3 
 /* Whether ray i of a packet has hit this object, */
 static inline bool pell_hit16_is_object(const struct pell_scene *scene, const struct pell_ray_hit16 *r, int i, int object)
 {
-    return r->hit.mesh[i] < scene->num_meshes && scene->meshes[r->hit.mesh[i]].object == object;
+    return r->hit.mesh[i] < scene->num_meshes && pell_mesh_assembly(&scene->meshes[r->hit.mesh[i]]) == object;
 }
 
 /* and on its inner side. */
@@ -125,6 +125,10 @@ bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray
 /* Number of times that a ray leaves an object minus the number of times that it enters it, over all its intersections: the number of the
  * object's closed parts that contain the origin. Intersections at the same distance all count. */
 int pell_rays_exits(const struct pell_rays *rays, const struct pell_ray *ray, int object);
+
+/* Whether a point of a surface is inside another part of its object that has the same medium (pell_mesh.overlaps). Rays do not meet such
+ * surface. */
+bool pell_rays_inner(const struct pell_rays *rays, uint32_t mesh, uint32_t triangle, float u, float v);
 
 struct pell_nearest {
     uint32_t mesh, triangle;

@@ -274,8 +274,8 @@ static void white_furnace(void **state)
 
 /* Diffuse reflectance (`back`) or transmittance of light at normal incidence, by reciprocity: a wide slab under a uniform environment
  * whose other half is hidden by black. */
-static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], double g, double eta, double thickness, bool back,
-                             int samples, unsigned techniques)
+static struct rig_mean slab_of_parts(int parts, const double sigma_s[3], const double sigma_a[3], double g, double eta, double thickness,
+                                     bool back, int samples, unsigned techniques)
 {
     const float wide = (float) fmax(400.0 * thickness, 40.0 / (sigma_s[0] * (1.0 - g) + sigma_a[0])), d = (float) thickness;
     struct stage s;
@@ -293,7 +293,8 @@ static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], d
         s.scene->materials[m].medium.sigma_a[c] = sigma_a[c];
     }
     stage_opaque(&s, 0.0f, &black);
-    stage_box(&s, m, 0, vec3(-wide, -wide, -d), vec3(wide, wide, 0.0f));
+    for (int i = 0; i < parts; i++)
+        stage_box(&s, m, 0, vec3(-wide, -wide, -d * (float) (i + 1) / (float) parts), vec3(wide, wide, -d * (float) i / (float) parts));
     if (back)
         stage_box(&s, black, 1, vec3(-9 * wide, -9 * wide, -3 * d), vec3(9 * wide, 9 * wide, -2 * d));
     else
@@ -313,6 +314,12 @@ static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], d
     pt_scene_destroy(&scene);
     stage_finish(&s);
     return r;
+}
+
+static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], double g, double eta, double thickness, bool back,
+                             int samples, unsigned techniques)
+{
+    return slab_of_parts(1, sigma_s, sigma_a, g, eta, thickness, back, samples, techniques);
 }
 
 static struct rig_mean slab(double sigma_s, double sigma_a, double g, double eta, double thickness, bool back, int samples,
@@ -366,6 +373,23 @@ static void slabs_of_the_oracle(void **state)
         require_slab(name, &transmitted, oracle_number(row, "mc_T"), oracle_number(row, "mc_T_se"), 0);
         if (alpha == 1.0) /* the same walks, and none is lost */
             REQUIRE_NEAR(back.mean[0][1] + back.mean[1][1] + transmitted.mean[0][1] + transmitted.mean[1][1], 1.0, 1e-5);
+    }
+    json_decref(root);
+}
+
+/* One of the oracle's slabs put together from layers that touch: no light is reflected or lost between them. */
+static void slabs_of_parts_are_slabs(void **state)
+{
+    json_t *root = oracle_load("montecarlo.json"), *row = json_array_get(oracle_get(root, "slab_totals"), 3);
+    const double alpha = oracle_number(row, "alpha"), tau = oracle_number(row, "optical_thickness"), eta = oracle_number(row, "n");
+    const double scatter[3] = { alpha, alpha, alpha }, absorb[3] = { 1.0 - alpha, 1.0 - alpha, 1.0 - alpha };
+
+    (void) state;
+    for (int back = 0; back < 2; back++) {
+        const struct rig_mean r = slab_of_parts(3, scatter, absorb, 0.0, eta, tau, back, FEWER(3000), PT_HIT_LIGHTS);
+        require_slab(back ? "of three parts: R" : "of three parts: T", &r, oracle_number(row, back ? "mc_R" : "mc_T"),
+                     oracle_number(row, "mc_R_se"), 0);
+        assert_int_equal(r.counts.crossed, 0);
     }
     json_decref(root);
 }
@@ -1022,8 +1046,8 @@ static void surfaces_that_cross_are_counted(void **state)
     static const struct {
         float distance;
         int object;
-        bool box, odd;
-    } cases[] = { { 2.0f, 0, false, true }, { 0.0f, 1, true, true }, { 0.1f, 1, true, false }, { 9.0f, 0, false, false } };
+        bool box, odd; /* parts of one object are one solid */
+    } cases[] = { { 2.0f, 0, false, false }, { 0.0f, 1, true, true }, { 0.1f, 1, true, false }, { 9.0f, 0, false, false } };
 
     (void) state;
     for (size_t k = 0; k < PELL_COUNT(cases); k++) {
@@ -1419,6 +1443,7 @@ int main(void)
         cmocka_unit_test(scattered_directions_follow_the_phase_function),
         cmocka_unit_test(white_furnace),
         cmocka_unit_test(slabs_of_the_oracle),
+        cmocka_unit_test(slabs_of_parts_are_slabs),
         cmocka_unit_test(channels_are_slabs),
         cmocka_unit_test(split_walks_are_whole),
         cmocka_unit_test(slabs_of_the_literature),

@@ -370,6 +370,48 @@ static void exits_are_counted_through_coincident_faces(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* A row of boxes that touch and overlap: rays see the outline of their union. Another medium keeps its surface. */
+static void surface_inside_its_object_is_not_there(void **state)
+{
+    (void) state;
+    for (int other_medium = 0; other_medium < 2; other_medium++) {
+        struct pell_context *ctx = test_context(NULL, NULL);
+        struct pell_scene *s = shapes_scene(ctx);
+        const size_t materials[2] = { 0, shapes_material(s, false) };
+        static const float lo[] = { 0.0f, 4.0f, 7.0f }, hi[] = { 4.0f, 8.0f, 12.0f };
+        struct pell_rays *rays;
+        uint32_t seed = 3;
+
+        s->materials[materials[1]].medium.sigma_a[0] += 1.0;
+        for (int i = 0; i < 3; i++) {
+            struct pell_mesh *m = shapes_box(s, materials[i == 1 && other_medium], vec3(lo[i], -2, -2), vec3(hi[i], 2, 2));
+            m->object = 0;
+            m->overlaps = true;
+        }
+        rays = build(ctx, s);
+        for (int n = 0; n < 100; n++) {
+            _Alignas(64) int valid[16] = { -1, -1 };
+            struct pell_ray_hit16 p;
+            struct pell_ray16 shadow;
+            const float y = 3.8f * shapes_random(&seed) - 1.9f, z = 3.8f * shapes_random(&seed) - 1.9f;
+            memset(&p, 0, sizeof(p));
+            set_ray(&p.ray, 0, vec3(2, y, z), vec3(1, 0, 0)); /* from the first box to the end of the last */
+            set_ray(&p.ray, 1, vec3(11, y, z), vec3(-1, 0, 0));
+            shadow = p.ray;
+            shadow.tfar[0] = 9.0f;
+            shadow.tfar[1] = 10.5f;
+            pell_rays_closest16(rays, valid, false, &p);
+            pell_rays_occluded16(rays, valid, false, &shadow);
+            REQUIRE_NEAR(p.ray.tfar[0], other_medium ? 2.0 : 10.0, 1e-5);
+            REQUIRE_NEAR(p.ray.tfar[1], other_medium ? 3.0 : 11.0, 1e-5);
+            assert_true((shadow.tfar[0] < 0.0f) == (other_medium != 0) && (shadow.tfar[1] < 0.0f) == (other_medium != 0));
+        }
+        pell_rays_destroy(&rays);
+        pell_scene_destroy(&s);
+        pell_context_destroy(&ctx);
+    }
+}
+
 static void bad_indices_and_materials_are_refused_by_name(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -601,6 +643,7 @@ int main(void)
         cmocka_unit_test(masked_alpha_makes_holes_for_both_kinds_of_rays),
         cmocka_unit_test(no_ray_slips_through_the_edges_of_a_closed_mesh),
         cmocka_unit_test(exits_are_counted_through_coincident_faces),
+        cmocka_unit_test(surface_inside_its_object_is_not_there),
         cmocka_unit_test(bad_indices_and_materials_are_refused_by_name),
         cmocka_unit_test(lack_of_memory_is_an_error_and_leaves_nothing_behind),
         cmocka_unit_test(the_nearest_point_is_the_nearest_of_all),

@@ -80,7 +80,7 @@ static void drop_buried(const struct light_task *t, size_t first, size_t count)
             const struct pell_surface_sample *s = &t->samples[first + at + (size_t) i];
             const struct pell_vec3 p = vec3_load(s->position);
             query[i] = (struct pell_buried_query) { p, vec3_load(s->normal), RAY_OFFSET * vec3_max_abs(p),
-                                                    services->scene->meshes[t->points[first + at + (size_t) i].mesh].object };
+                                                    pell_mesh_assembly(&services->scene->meshes[t->points[first + at + (size_t) i].mesh]) };
         }
         pell_buried16(services->scene, services->rays, query, n, buried);
         for (int i = 0; i < n; i++)

@@ -79,8 +79,8 @@ static enum pell_result inspect(struct pt_scene *s)
         if (solid < 0 || rank >= report.num_objects)
             continue;
         const struct pell_object_report *o = &report.objects[rank];
-        s->solid[solid].closed = o->closed;
-        if (previous != rank && !o->closed)
+        s->solid[solid].closed = o->closed || o->joined;
+        if (previous != rank && !s->solid[solid].closed)
             pell_warn(
                 s->ctx, o->name, "close it: a medium needs a closed surface",
                 "the surface is open (%lld boundary edges): path-trace ends the medium where light finds no surface inside its bounds",

@@ -11,7 +11,6 @@
 #include "optics/medium/small.h"
 #include "scene/mesh/topology.h"
 #include "shared/curvature.h"
-#include "transport/solids.h"
 
 #include <pellucid/layers.h>
 #include <pellucid/profile.h>
@@ -250,7 +249,7 @@ static enum pell_result make_object(struct pell_curvature *k, struct pell_pool *
                                     size_t count)
 {
     struct pell_topology t;
-    const struct curvature_object object = { pool, rays, k->scene, &t, k->same, k->scene->meshes[meshes[0]].object };
+    const struct curvature_object object = { pool, rays, k->scene, &t, k->same, pell_mesh_assembly(&k->scene->meshes[meshes[0]]) };
     size_t first;
     enum pell_result res;
 
@@ -276,9 +275,10 @@ static enum pell_result make_objects(struct pell_curvature *k, struct pell_pool 
 
     if (!order)
         goto fail;
-    pell_scene_objects(k->scene, order, order + count);
+    pell_scene_assemblies(k->scene, order, order + count);
     for (size_t i = 0, end; i < count; i = end) {
-        for (end = i + 1; end < count && k->scene->meshes[order[end]].object == k->scene->meshes[order[i]].object; end++)
+        for (end = i + 1;
+             end < count && pell_mesh_assembly(&k->scene->meshes[order[end]]) == pell_mesh_assembly(&k->scene->meshes[order[i]]); end++)
             ;
         PELL_TRY(make_object(k, pool, rays, order + i, end - i));
     }

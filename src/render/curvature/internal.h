@@ -11,7 +11,7 @@
 
 /* The part of an object that has one medium. Its curvature is that of the whole object, averaged for this medium. */
 struct curvature_patch {
-    uint32_t medium; /* pell_scene_same_media */
+    uint32_t medium;      /* pell_scene_same_media */
     struct pell_vec3 low; /* corner of the object's box */
     float step;           /* mm: side of a cell of the grid */
     float max_thickness;  /* mm: largest thickness of thin parts */
@@ -52,7 +52,7 @@ struct curvature_object {
     const struct pell_scene *scene;
     const struct pell_topology *topology;
     const uint32_t *same; /* per material: pell_scene_same_media */
-    int id;               /* as in struct pell_mesh.object */
+    int id;               /* pell_mesh_assembly */
 };
 
 /* Adds all triangles and edges of an object. First widens the patch's step to the length of the edges that represent a smooth surface. */

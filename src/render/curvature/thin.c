@@ -26,7 +26,7 @@ static bool measure(const struct thin_job *job, struct curvature_piece *piece, c
     const struct pell_mesh *mesh = r->hit.mesh[i] < scene->num_meshes ? &scene->meshes[r->hit.mesh[i]] : NULL;
     float opposed;
 
-    if (!mesh || mesh->object != job->object->id || job->object->same[mesh->material] != job->patch->medium)
+    if (!mesh || pell_mesh_assembly(mesh) != job->object->id || job->object->same[mesh->material] != job->patch->medium)
         return true;
     opposed = -vec3_dot(piece->normal, vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i])));
     if (!(opposed > 0.0f)) {

@@ -51,7 +51,7 @@ static void test16(void *arg, int index, int worker)
         if (in->p.scene->materials[s->medium].opaque)
             continue;
         points[count] = (struct pell_buried_query) { s->position, s->normal, indirect_ray_offset(s->position, s->spacing),
-                                                     in->p.scene->meshes[s->mesh].object };
+                                                     pell_mesh_assembly(&in->p.scene->meshes[s->mesh]) };
         sample[count++] = i;
     }
     pell_buried16(in->p.scene, in->p.rays, points, count, is);

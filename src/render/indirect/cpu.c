@@ -4,7 +4,7 @@
  */
 #include "render/indirect/internal.h"
 
-#include "transport/solids.h"
+#include "scene/scene.h"
 
 #include <string.h>
 

@@ -14,6 +14,7 @@
 
 #define REACH 2.6f      /* initial search radius, in spacings */
 #define MAX_TRIES 4     /* largest number of times that the radius is doubled until there is a sample */
+#define TRIES_INSIDE 2  /* the same for points inside of another part of the object, which nobody sees */
 #define MIN_FACING 0.3f /* least cosine between the normals */
 #define MAX_SLOPE 0.9f  /* largest relative change of a weight by the correction */
 #define CHUNK 1024      /* knots per task */
@@ -112,7 +113,8 @@ static enum pell_result make_trees(const struct pell_indirect *in, enum grouping
     if (!key || !t->order || !t->key || !t->axis)
         goto fail;
     for (size_t i = 0; i < n; i++)
-        set_key(which, in->samples[i].medium, in->samples[i].back, in->p.scene->meshes[in->samples[i].mesh].object, key + 2 * i);
+        set_key(which, in->samples[i].medium, in->samples[i].back, pell_mesh_assembly(&in->p.scene->meshes[in->samples[i].mesh]),
+                key + 2 * i);
     sorted = pell_sort_keys(in->ctx, key, 2, t->order, key + 2 * n, (uint32_t) n);
     res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     if (res != PELL_OK)
@@ -149,6 +151,7 @@ static uint32_t find_bound(const struct kd_trees *t, const uint32_t key[2], bool
 
 /* A query, and the best samples so far, heaviest first. */
 struct query {
+    const struct indirect_knot *knot; /* NULL: a vertex */
     struct pell_vec3 position, normal;
     float reach, spacing;
     struct indirect_near found;
@@ -202,11 +205,13 @@ static void find_neighbours(const struct search *s, enum grouping which, const s
     const struct kd_trees *t = &s->kd_trees[which];
     uint32_t key[2], low, high;
 
-    set_key(which, key_sample->medium, key_sample->back, s->in->p.scene->meshes[key_sample->mesh].object, key);
+    set_key(which, key_sample->medium, key_sample->back, pell_mesh_assembly(&s->in->p.scene->meshes[key_sample->mesh]), key);
     low = find_bound(t, key, false);
     high = find_bound(t, key, true);
     q->reach = REACH * q->spacing;
     for (int i = 0; i < MAX_TRIES && low < high && q->count == 0; i++) {
+        if (i == TRIES_INSIDE && q->knot && pell_rays_inner(s->in->p.rays, key_sample->mesh, q->knot->triangle, q->knot->u, q->knot->v))
+            break;
         memset(&q->found, 0, sizeof(q->found));
         search_tree(s->in, t, low, high, q);
         q->reach *= 2.0f;
@@ -236,12 +241,13 @@ static void centre_weights(const struct pell_indirect *in, struct query *q)
 
 /* Finds the samples of a knot. Light inside a translucent object can differ from that on other surfaces in or near it, so an object uses
  * its own samples, unless it is too small to have any. */
-static void find_knot(const struct search *s, uint32_t mesh, struct indirect_point point, uint32_t knot)
+static void find_knot(const struct search *s, uint32_t mesh, struct indirect_point point, uint32_t knot_index)
 {
     const struct pell_scene *scene = s->in->p.scene;
     const int material = scene->meshes[mesh].material;
     const struct indirect_sample key_sample = { .mesh = mesh, .medium = s->in->same[material], .back = s->back };
     struct query q = {
+        .knot = knot_index < s->in->num_mesh_knots ? NULL : &s->in->extra[knot_index - s->in->num_mesh_knots],
         .position = point.position,
         .normal = vec3_mul(vec3_normalize(point.normal), s->back ? -1.0f : 1.0f),
         .spacing = indirect_spacing_at(s->spacing, point.position),
@@ -259,7 +265,7 @@ static void find_knot(const struct search *s, uint32_t mesh, struct indirect_poi
         sum += q.found.weight[i];
     for (int i = 0; i < q.count; i++)
         q.found.weight[i] /= sum;
-    s->in->near[indirect_value_of(s->in, mesh, knot, s->back)] = q.found;
+    s->in->near[indirect_value_of(s->in, mesh, knot_index, s->back)] = q.found;
 }
 
 static void near_chunk(void *arg, int index, int worker)

@@ -14,7 +14,8 @@ static uint32_t exit_sample(const struct pell_indirect *in, const struct indirec
     const struct pell_scene *scene = in->p.scene;
     const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
 
-    if (!pell_hit16_inside(scene, r, i, scene->meshes[s->mesh].object) || in->same[scene->meshes[h->mesh[i]].material] != s->medium)
+    if (!pell_hit16_inside(scene, r, i, pell_mesh_assembly(&scene->meshes[s->mesh])) ||
+        in->same[scene->meshes[h->mesh[i]].material] != s->medium)
         return INDIRECT_NONE;
     return indirect_sample_at(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], false,
                               vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d));

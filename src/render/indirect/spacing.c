@@ -39,12 +39,12 @@ void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spaci
 
         if (!indirect_shown(scene, mesh))
             continue;
-        while (k < out->count && object[k] != mesh->object)
+        while (k < out->count && object[k] != pell_mesh_assembly(mesh))
             k++;
         if (k == INDIRECT_BOXES) /* the last box is shared by all further objects */
             k--;
         if (k == out->count) {
-            object[k] = mesh->object;
+            object[k] = pell_mesh_assembly(mesh);
             out->box[k] = (struct indirect_box) { vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY), 0.0f };
             out->count++;
         }

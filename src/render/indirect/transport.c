@@ -276,7 +276,7 @@ static void gather_chunk(void *arg, int index, int worker)
 
 static bool same_group(const struct pell_indirect *in, const struct indirect_sample *a, const struct indirect_sample *b)
 {
-    return a->medium == b->medium && in->p.scene->meshes[a->mesh].object == in->p.scene->meshes[b->mesh].object;
+    return a->medium == b->medium && pell_mesh_assembly(&in->p.scene->meshes[a->mesh]) == pell_mesh_assembly(&in->p.scene->meshes[b->mesh]);
 }
 
 /* Copies of the list's samples with their light scaled for curvature: what goes into the depth, without albedo, or all. */
@@ -395,12 +395,12 @@ static bool is_inside(const struct pell_indirect *in, const struct pell_mesh *m,
 static bool contains_another(const struct pell_indirect *in, const struct indirect_sample *of)
 {
     const struct pell_scene *scene = in->p.scene;
-    const int object = scene->meshes[of->mesh].object;
+    const int object = pell_mesh_assembly(&scene->meshes[of->mesh]);
     bool holds = false;
 
     for (size_t i = 0; i < scene->num_meshes && !holds; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        if (m->num_triangles > 0 && (m->object != object || in->same[m->material] != of->medium))
+        if (m->num_triangles > 0 && (pell_mesh_assembly(m) != object || in->same[m->material] != of->medium))
             holds = is_inside(in, m, object);
     }
     return holds;

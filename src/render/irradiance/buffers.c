@@ -86,7 +86,7 @@ static enum pell_result send_meshes(struct pell_light_device *d, const struct pe
         goto fail;
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
-        meshes[i] = (struct pell_lit_mesh) { at, PELL_LIT_NONE, mesh->object, mesh->material };
+        meshes[i] = (struct pell_lit_mesh) { at, PELL_LIT_NONE, pell_mesh_assembly(mesh), mesh->material };
         memcpy(corners + at, mesh->index, 3 * sizeof(*corners) * mesh->num_triangles);
         at += 3 * mesh->num_triangles;
     }

@@ -95,7 +95,8 @@ static void find_objects(const struct job *job, struct packet *k, const int32_t 
     k->rays += count_lanes(active);
     for (int i = 0; i < PELL_LANES; i++)
         if (active[i])
-            object[i] = probe.hit.mesh[i] < job->p->scene->num_meshes ? job->p->scene->meshes[probe.hit.mesh[i]].object : INT32_MIN;
+            object[i] =
+                probe.hit.mesh[i] < job->p->scene->num_meshes ? pell_mesh_assembly(&job->p->scene->meshes[probe.hit.mesh[i]]) : INT32_MIN;
 }
 
 /* Traces the rays of `r` (lanes of `mask`) to where they leave the solid that they are in. Opaque objects or other solids in between:
@@ -125,7 +126,8 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
             struct pell_vec3 ng;
             bool is_exit;
             inner[i] = 0;
-            if (!hit || scene->materials[mesh->material].opaque || !pell_lights_part(job->lights, mesh->object, (int) k->material[i]))
+            if (!hit || scene->materials[mesh->material].opaque ||
+                !pell_lights_part(job->lights, pell_mesh_assembly(mesh), (int) k->material[i]))
                 continue;
             ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
             is_exit = vec3_dot(ng, d) > 0.0f;
@@ -143,7 +145,7 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
             return;
         find_objects(job, k, inner, known, object);
         for (int i = 0; i < PELL_LANES; i++) {
-            active[i] = inner[i] && scene->meshes[r->hit.mesh[i]].object == object[i] ? -1 : 0;
+            active[i] = inner[i] && pell_mesh_assembly(&scene->meshes[r->hit.mesh[i]]) == object[i] ? -1 : 0;
             if (active[i]) {
                 r->ray.tnear[i] = r->ray.tfar[i] * (1.0f + 1e-5f) + 1e-20f;
                 r->ray.tfar[i] = limit[i];

@@ -107,7 +107,7 @@ static void start_path(const struct job *job, struct packet *k, int i, int x, in
     w->bundle = k->seed[i] % UNSCATTERED_BUNDLES;
     w->random = (struct unscattered_random) { .x = (uint32_t) x, .y = (uint32_t) y, .seed = pell_hash(p->sample) };
     k->spacing = pell_view_pixel_mm(p->view, s->depth[at]);
-    k->active[i] = enter(job, &f, p->scene->meshes[s->mesh[at]].object, w) && w->nesting > 0 ? -1 : 0;
+    k->active[i] = enter(job, &f, pell_mesh_assembly(&p->scene->meshes[s->mesh[at]]), w) && w->nesting > 0 ? -1 : 0;
 }
 
 /* --- Surfaces ------------------------------------------------------------------------------------------------------------------------- */
@@ -147,7 +147,7 @@ static bool hit_inside(const struct job *job, const struct pell_ray_hit16 *r, in
 {
     const struct unscattered_medium *m = current_medium(job, w);
     struct unscattered_solid *solid = &w->medium_stack[w->nesting - 1];
-    const int object = job->p->scene->meshes[r->hit.mesh[i]].object;
+    const int object = pell_mesh_assembly(&job->p->scene->meshes[r->hit.mesh[i]]);
     struct unscattered_solid left = *solid;
     struct unscattered_hit f;
     bool outer;
@@ -261,7 +261,7 @@ static void shade_outside(const struct job *job, struct packet *k, const struct 
         if (!hit[i] || scene->materials[scene->meshes[r->hit.mesh[i]].material].opaque)
             continue;
         f = load_hit(job, r, i, &outer);
-        if (outer && job->u->media[f.material].thin && enter(job, &f, scene->meshes[r->hit.mesh[i]].object, &k->path[i]))
+        if (outer && job->u->media[f.material].thin && enter(job, &f, pell_mesh_assembly(&scene->meshes[r->hit.mesh[i]]), &k->path[i]))
             k->active[i] = -(int32_t) !is_faint(&k->path[i]);
     }
 }

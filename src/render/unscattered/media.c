@@ -61,7 +61,7 @@ static void add_probe(struct probe *p, const struct pell_mesh *mesh, uint32_t tr
     n = vec3_normalize(pell_triangle_cross(corner));
     at = vec3_mad(vec3_mad(vec3_mul(corner[0], 1.0f - root), root * (1.0f - v), corner[1]), root * v, corner[2]);
     at = vec3_mad(at, -RAY_OFFSET * vec3_max_abs(at), n);
-    p->object[p->count] = mesh->object;
+    p->object[p->count] = pell_mesh_assembly(mesh);
     pell_ray16_set(&p->r.ray, p->count++, at, vec3_mul(n, -1.0f), p->reach);
     if (p->count == PELL_PACKET)
         trace(p);

@@ -432,7 +432,12 @@ void pell_topology_parts(const struct pell_topology *t, const struct pell_scene 
     }
 }
 
-void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch)
+static int object_of(const struct pell_mesh *mesh)
+{
+    return mesh->object;
+}
+
+static void sort_meshes(const struct pell_scene *scene, int (*id)(const struct pell_mesh *), uint32_t *order, uint32_t *scratch)
 {
     const uint32_t count = (uint32_t) scene->num_meshes;
 
@@ -445,8 +450,18 @@ void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_
             uint32_t a = low, b = middle;
             for (uint32_t i = low; i < high; i++)
                 scratch[i] =
-                    b >= high || (a < middle && scene->meshes[order[a]].object <= scene->meshes[order[b]].object) ? order[a++] : order[b++];
+                    b >= high || (a < middle && id(&scene->meshes[order[a]]) <= id(&scene->meshes[order[b]])) ? order[a++] : order[b++];
         }
         memcpy(order, scratch, count * sizeof(*order));
     }
+}
+
+void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch)
+{
+    sort_meshes(scene, object_of, order, scratch);
+}
+
+void pell_scene_assemblies(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch)
+{
+    sort_meshes(scene, pell_mesh_assembly, order, scratch);
 }

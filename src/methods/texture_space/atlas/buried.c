@@ -74,7 +74,7 @@ static void search_band(void *arg, int band, int worker)
                 continue;
             ts_point_of(a, a->source[at], a->bary[0][at], a->bary[1][at], &p->position, &p->normal, &largest);
             p->clearance = CLEARANCE * fmaxf(largest, (float) a->mm_per_texel);
-            p->object = a->scene->meshes[a->triangles[a->source[at]].mesh].object;
+            p->object = pell_mesh_assembly(&a->scene->meshes[a->triangles[a->source[at]].mesh]);
             texels[count++] = at;
             if (count == PELL_PACKET) {
                 s->count[band] += flush(s->b, points, texels, count);

@@ -1,0 +1,307 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * touching.c - joins the objects of a mesh file that touch and scatter alike: light crosses between them as it does inside one solid. Two
+ * closed objects are joined where their surfaces touch or intersect, open ones where they are the pieces of a closed surface. Objects that
+ * a scene file or a program puts next to each other stay apart.
+ */
+#include "scene/mesh/touching.h"
+#include "math/near.h"
+#include "scene/mesh/topology.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define GAP 1e-5       /* of the smaller object's extent: surfaces this near touch */
+#define ROUNDING 4e-7  /* of the largest coordinate */
+#define STEPS_MOST 2e8 /* tests of triangles and boxes, about a second; objects that are left after that stay apart */
+
+struct object {
+    const uint32_t *meshes;
+    size_t count;
+    struct pell_dvec3 lo, hi;
+    int file; /* pell_mesh.file */
+    bool closed;
+};
+
+struct triangle {
+    struct pell_dvec3 corner[3], lo, hi; /* corners; box */
+};
+
+struct triangles {
+    struct triangle *at;
+    size_t count, capacity;
+};
+
+struct search {
+    struct pell_scene *scene;
+    uint32_t *same; /* per material: pell_scene_same_media */
+    struct object *objects;
+    size_t count;
+    uint32_t *set;            /* per object: union-find parent */
+    struct triangles near[2]; /* of two objects, near the other one */
+    double steps;
+};
+
+static double extent(const struct object *o)
+{
+    return fmax(o->hi.x - o->lo.x, fmax(o->hi.y - o->lo.y, o->hi.z - o->lo.z));
+}
+
+static double largest_coordinate(const struct object *o)
+{
+    return fmax(fmax(fmax(fabs(o->lo.x), fabs(o->hi.x)), fmax(fabs(o->lo.y), fabs(o->hi.y))), fmax(fabs(o->lo.z), fabs(o->hi.z)));
+}
+
+static void widen_box(struct pell_dvec3 *lo, struct pell_dvec3 *hi, struct pell_dvec3 p)
+{
+    *lo = dvec3(fmin(lo->x, p.x), fmin(lo->y, p.y), fmin(lo->z, p.z));
+    *hi = dvec3(fmax(hi->x, p.x), fmax(hi->y, p.y), fmax(hi->z, p.z));
+}
+
+static bool boxes_meet(struct pell_dvec3 lo, struct pell_dvec3 hi, struct pell_dvec3 other_lo, struct pell_dvec3 other_hi, double gap)
+{
+    return lo.x <= other_hi.x + gap && other_lo.x <= hi.x + gap && lo.y <= other_hi.y + gap && other_lo.y <= hi.y + gap &&
+           lo.z <= other_hi.z + gap && other_lo.z <= hi.z + gap;
+}
+
+/* --- Two meshes ------------------------------------------------------------------------------------------------------------------- */
+
+/* Lists the triangles of a mesh that are near an object, sorted along x. */
+static enum pell_result list_near(struct search *s, const struct pell_mesh *mesh, const struct object *other, double gap,
+                                  struct triangles *out)
+{
+    out->count = 0;
+    s->steps += mesh->num_triangles;
+    for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(s->scene->ctx, i); i++) {
+        struct triangle t;
+        for (int k = 0; k < 3; k++)
+            t.corner[k] = dvec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) i + (size_t) k]);
+        t.lo = t.hi = t.corner[0];
+        widen_box(&t.lo, &t.hi, t.corner[1]);
+        widen_box(&t.lo, &t.hi, t.corner[2]);
+        if (!boxes_meet(t.lo, t.hi, other->lo, other->hi, gap))
+            continue;
+        if (pell_grow(s->scene->ctx, (void **) &out->at, out->count + 1, &out->capacity, sizeof(*out->at)) != PELL_OK)
+            return PELL_ERR_NOMEM;
+        out->at[out->count++] = t;
+    }
+    return PELL_OK;
+}
+
+static int compare_starts(const void *a, const void *b)
+{
+    const struct triangle *s = a, *t = b;
+
+    return s->lo.x < t->lo.x ? -1 : s->lo.x > t->lo.x;
+}
+
+/* Sweeps along x over both lists. */
+static bool lists_touch(struct search *s, double gap)
+{
+    struct triangles *a = &s->near[0], *b = &s->near[1];
+    double longest = 0.0; /* in b, along x */
+    size_t first = 0;
+
+    qsort(a->at, a->count, sizeof(*a->at), compare_starts);
+    qsort(b->at, b->count, sizeof(*b->at), compare_starts);
+    for (size_t k = 0; k < b->count; k++)
+        longest = fmax(longest, b->at[k].hi.x - b->at[k].lo.x);
+    for (size_t i = 0; i < a->count && s->steps < STEPS_MOST && !pell_cancelled_at(s->scene->ctx, i); i++) {
+        const struct triangle *t = &a->at[i];
+        while (first < b->count && b->at[first].lo.x + longest + gap < t->lo.x)
+            first++;
+        for (size_t k = first; k < b->count && b->at[k].lo.x <= t->hi.x + gap; k++, s->steps++)
+            if (boxes_meet(t->lo, t->hi, b->at[k].lo, b->at[k].hi, gap) && pell_triangles_touch(t->corner, b->at[k].corner, gap * gap))
+                return true;
+    }
+    return false;
+}
+
+static bool is_translucent(const struct pell_scene *scene, const struct pell_mesh *mesh)
+{
+    return mesh->num_triangles > 0 && !scene->materials[mesh->material].opaque;
+}
+
+static enum pell_result objects_touch(struct search *s, const struct object *a, const struct object *b, bool *touch)
+{
+    const struct pell_scene *scene = s->scene;
+    const double gap = GAP * fmin(extent(a), extent(b)) + ROUNDING * fmax(largest_coordinate(a), largest_coordinate(b));
+    enum pell_result res = PELL_OK;
+
+    *touch = false;
+    s->steps++;
+    if (!boxes_meet(a->lo, a->hi, b->lo, b->hi, gap))
+        return PELL_OK;
+    for (size_t i = 0; i < a->count && !*touch; i++)
+        for (size_t k = 0; k < b->count && !*touch; k++) {
+            const struct pell_mesh *m = &scene->meshes[a->meshes[i]], *n = &scene->meshes[b->meshes[k]];
+            if (!is_translucent(scene, m) || !is_translucent(scene, n) || s->same[m->material] != s->same[n->material])
+                continue;
+            PELL_TRY(list_near(s, m, b, gap, &s->near[0]));
+            PELL_TRY(list_near(s, n, a, gap, &s->near[1]));
+            *touch = lists_touch(s, gap);
+        }
+
+fail:
+    return res;
+}
+
+/* --- All objects ------------------------------------------------------------------------------------------------------------------ */
+
+static enum pell_result is_closed(const struct search *s, const uint32_t *meshes, size_t count, bool *closed)
+{
+    struct pell_topology t;
+    struct pell_part *parts;
+    enum pell_result res = pell_topology_make(&t, s->scene, meshes, count);
+
+    *closed = false;
+    if (res != PELL_OK)
+        return res;
+    parts = pell_alloc_array(s->scene->ctx, t.num_parts, sizeof(*parts));
+    if (parts) {
+        pell_topology_parts(&t, s->scene, parts);
+        *closed = t.num_parts > 0;
+        for (uint32_t i = 0; i < t.num_parts; i++)
+            *closed &= parts[i].closed;
+    }
+    res = parts ? PELL_OK : PELL_ERR_NOMEM;
+    pell_free(s->scene->ctx, parts);
+    pell_topology_finish(&t);
+    return res;
+}
+
+static enum pell_result list_objects(struct search *s, const uint32_t *order)
+{
+    const struct pell_scene *scene = s->scene;
+
+    for (size_t i = 0, end; i < scene->num_meshes; i = end) {
+        struct object o = { .meshes = order + i, .lo = { INFINITY, INFINITY, INFINITY }, .hi = { -INFINITY, -INFINITY, -INFINITY } };
+        bool translucent = false;
+        for (end = i; end < scene->num_meshes && scene->meshes[order[end]].object == scene->meshes[order[i]].object; end++) {
+            const struct pell_mesh *m = &scene->meshes[order[end]];
+            translucent |= is_translucent(scene, m);
+            for (size_t k = 0; k < 3 * (size_t) m->num_triangles && !pell_cancelled_at(scene->ctx, k); k++)
+                widen_box(&o.lo, &o.hi, dvec3_load(m->position + 3 * (size_t) m->index[k]));
+        }
+        o.count = end - i;
+        o.file = scene->meshes[order[i]].file;
+        if (translucent && o.file > 0)
+            s->objects[s->count++] = o;
+    }
+    return pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+static int compare_objects(const void *a, const void *b)
+{
+    const struct object *s = a, *t = b;
+
+    return s->lo.x != t->lo.x ? (s->lo.x < t->lo.x ? -1 : 1) : s->meshes < t->meshes ? -1 : s->meshes > t->meshes;
+}
+
+/* A copy of an object at its place, which pell_check_scene reports. */
+static bool coincide(const struct object *a, const struct object *b)
+{
+    return memcmp(&a->lo, &b->lo, sizeof(a->lo)) == 0 && memcmp(&a->hi, &b->hi, sizeof(a->hi)) == 0;
+}
+
+/* Joins the objects that touch another one of their kind, closed or open. */
+static enum pell_result join_touching(struct search *s)
+{
+    enum pell_result res = PELL_OK;
+
+    for (uint32_t i = 0; i < s->count; i++)
+        for (uint32_t k = i + 1; k < s->count && s->steps < STEPS_MOST; k++) {
+            const struct object *a = &s->objects[i], *b = &s->objects[k];
+            bool touch;
+            if (b->lo.x > a->hi.x + GAP * extent(a) + ROUNDING * largest_coordinate(b))
+                break;
+            if (a->closed != b->closed || a->file != b->file || coincide(a, b) || pell_union_root(s->set, i) == pell_union_root(s->set, k))
+                continue;
+            PELL_TRY(objects_touch(s, a, b, &touch));
+            if (touch)
+                pell_union_join(s->set, i, k);
+        }
+
+fail:
+    return res;
+}
+
+/* Makes the objects of each set one assembly; open objects only where they are closed together. Counts the objects that are joined, and
+ * the sets. */
+static enum pell_result number_sets(struct search *s, uint32_t *meshes, size_t *joined, size_t *sets)
+{
+    struct pell_scene *scene = s->scene;
+    enum pell_result res = PELL_OK;
+
+    for (uint32_t i = 0; i < s->count; i++) {
+        size_t count = 0, members = 0;
+        int number = INT32_MAX;
+        bool closed = s->objects[i].closed;
+        if (pell_union_root(s->set, i) != i)
+            continue;
+        for (uint32_t k = i; k < s->count; k++) {
+            if (pell_union_root(s->set, k) != i)
+                continue;
+            members++;
+            memcpy(meshes + count, s->objects[k].meshes, s->objects[k].count * sizeof(*meshes));
+            count += s->objects[k].count;
+        }
+        if (members > 1 && !closed)
+            PELL_TRY(is_closed(s, meshes, count, &closed));
+        if (members < 2 || !closed)
+            continue;
+        for (size_t k = 0; k < count; k++)
+            number = scene->meshes[meshes[k]].object < number ? scene->meshes[meshes[k]].object : number;
+        for (size_t k = 0; k < count; k++)
+            scene->meshes[meshes[k]].joined = number + 1;
+        *joined += members;
+        ++*sets;
+    }
+
+fail:
+    return res;
+}
+
+enum pell_result pell_join_touching(struct pell_scene *scene, bool quiet)
+{
+    struct pell_context *ctx = scene->ctx;
+    struct search s = { .scene = scene };
+    uint32_t *order = pell_alloc_array(ctx, scene->num_meshes, 3 * sizeof(*order));
+    size_t joined = 0, sets = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        scene->meshes[i].joined = 0;
+    s.same = pell_alloc_array(ctx, scene->num_materials, sizeof(*s.same));
+    s.objects = pell_alloc_array(ctx, scene->num_meshes, sizeof(*s.objects));
+    s.set = pell_alloc_array(ctx, scene->num_meshes, sizeof(*s.set));
+    if (!order || !s.same || !s.objects || !s.set)
+        goto fail;
+    pell_scene_same_media(scene, s.same);
+    pell_scene_objects(scene, order, order + scene->num_meshes);
+    PELL_TRY(list_objects(&s, order));
+    if (s.count < 2)
+        goto fail;
+    for (uint32_t i = 0; i < s.count; i++) {
+        s.set[i] = i;
+        PELL_TRY(is_closed(&s, s.objects[i].meshes, s.objects[i].count, &s.objects[i].closed));
+    }
+    qsort(s.objects, s.count, sizeof(*s.objects), compare_objects);
+    PELL_TRY(join_touching(&s));
+    PELL_TRY(number_sets(&s, order + 2 * scene->num_meshes, &joined, &sets));
+    if (sets > 0 && !quiet)
+        pell_info(ctx, scene->path, "%zu objects touch others of the same medium: they are rendered as %s", joined,
+                  pell_counted(sets, "solid", "solids").str);
+    if (s.steps >= STEPS_MOST && !quiet)
+        pell_info(ctx, scene->path, "too many objects are near each other to find all that touch");
+    res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    pell_free(ctx, s.near[1].at);
+    pell_free(ctx, s.near[0].at);
+    pell_free(ctx, s.set);
+    pell_free(ctx, s.objects);
+    pell_free(ctx, s.same);
+    pell_free(ctx, order);
+    return res;
+}
