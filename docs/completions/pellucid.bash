@@ -31,7 +31,7 @@ _pellucid()
     *:--log-level) COMPREPLY=($(compgen -W "none error warning info debug" -- "$current")); return ;;
     *:--methods) COMPREPLY=($(compgen -W "none screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter all" -- "$current")); return ;;
     *:--model) COMPREPLY=($(compgen -W "dipole better-dipole normalized-diffusion photon-beam monte-carlo" -- "$current")); return ;;
-    *:--normals) COMPREPLY=($(compgen -W "file smooth" -- "$current")); return ;;
+    *:--normals) COMPREPLY=($(compgen -W "file smooth flat" -- "$current")); return ;;
     *:--opposed) COMPREPLY=($(compgen -W "on off" -- "$current")); return ;;
     *:--pixel-filter) COMPREPLY=($(compgen -W "gaussian box" -- "$current")); return ;;
     *:--profile) COMPREPLY=($(compgen -W "material dipole better-dipole normalized-diffusion photon-beam monte-carlo" -- "$current")); return ;;

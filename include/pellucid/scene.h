@@ -30,25 +30,27 @@ struct pell_context;
 /* One run of triangles with one material, in world space. Arrays belong to the scene. */
 struct pell_mesh {
     char *name;
-    int object; /* id shared by the meshes of one file node, >= 0 */
-    int file;   /* set by loading: number of its mesh file, from 1; 0: none */
-    int joined; /* set by pell_scene_complete: objects of one file that touch and have the same medium are one assembly. The id of one of them
-                   * + 1; 0: it is an assembly of its own */
+    int object;   /* id shared by the meshes of one file node, >= 0 */
+    int file;     /* set by loading: number of its mesh file, from 1; 0: none */
+    int joined;   /* set by pell_scene_complete: objects of one file that touch and have the same medium are one assembly. The id of one
+                 * of them + 1; 0: it is an assembly of its own */
     int material; /* index into the scene's materials; -1: pell_scene_complete sets marble */
     uint32_t num_vertices, num_triangles;
     float *position;         /* xyz, mm */
-    float *normal;           /* xyz, unit */
+    float *normal;           /* xyz, unit; all 0: pell_scene_complete computes them */
     float *tangent;          /* xyz, and w = +-1: bitangent = w cross(normal, tangent); NULL if no map needs it */
     float *uv[PELL_UV_SETS]; /* uv, NULL if the set does not exist */
     float *color;            /* rgba, linear, multiplies the base colour; may be NULL */
     uint32_t *index;         /* 3 per triangle, counter-clockwise seen from outside */
     bool light_shell;        /* set by pell_scene_complete: an opaque emissive mesh around a point or spot light. It casts no shadow
                               * and is visible to cameras only */
+    bool flat;               /* computed normals are those of the triangles; false: smooth, with creases at more than 60 degrees */
     bool overlaps;           /* set by pell_scene_complete: closed parts of its assembly may touch or overlap, so some of its surface may be
                               * inside the assembly */
 };
 
-/* The assembly that a mesh belongs to, an object's id. Light crosses inside an assembly; closedness and thickness are those of assemblies. */
+/* The assembly that a mesh belongs to, an object's id. Light crosses inside an assembly; closedness and thickness are those of the
+ * assembly. */
 static inline int pell_mesh_assembly(const struct pell_mesh *mesh)
 {
     return mesh->joined > 0 ? mesh->joined - 1 : mesh->object;
@@ -238,7 +240,7 @@ struct pell_load_params {
     double environment_scale; /* factor of its radiance; 0: 1 */
     double environment_rotate_deg; /* about the y axis, as in a scene file */
     const char *normals;           /* file: those of the mesh files; smooth: recomputed, with creases where triangles meet at more than
-                                    * 60 degrees; NULL: as in the scene file, else file */
+                                    * 60 degrees; flat: those of the triangles; NULL: as in the scene file, else file */
     const char *background;        /* environment, transparent, white, grey, black or "#RRGGBB" (sRGB); NULL: as in the file */
     bool ground;                   /* add an opaque grey ground if the file has none, as "ground": true in a scene file */
 };

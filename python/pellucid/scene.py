@@ -89,7 +89,7 @@ class Scene(Closing):
 
         options: size (largest extent) or unit (of the file) as lengths ("70mm"; a number is in mm), material (name or file), camera
         (name), time (s), animation, aspect (width/height, for framing), allow_outside, bare (no default lights, camera, ground),
-        up ("y" or "z"), normals ("file", "smooth"), from_ (side of the camera: "front", "34", "35,15"), studio ("soft", "rim", "back",
+        up ("y" or "z"), normals ("file", "smooth", "flat"), from_ (side of the camera: "front", "34", "35,15"), studio ("soft", "rim", "back",
         "window"), environment (an image that lights the object) with environment_scale and environment_rotate (degrees), background
         ("#f4f1ec", "white", "transparent", "environment"), ground (True: the object stands on a grey floor, or table in an environment).
         """

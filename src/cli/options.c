@@ -78,8 +78,9 @@ static const struct option options[] = {
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_CHECK | OPTIONS_VIEW, 0, "up", "AXIS",
       "axis of a mesh file that points upwards: y (default) or z", TEXT, AT(up), NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_CHECK | OPTIONS_VIEW, 0, "normals", "NAME",
-      "normals of meshes: file, or smooth, which recomputes them with creases where triangles meet at more than 60 degrees", TEXT,
-      AT(normals), NULL },
+      "normals of meshes: file; smooth, which recomputes them with creases where triangles meet at more than 60 degrees; or flat: those "
+      "of the triangles",
+      TEXT, AT(normals), NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "from", "SIDE",
       "frame the object from front, back, left, right, top, 34 (from the right and above), or AZIMUTH,ELEVATION in degrees: 35,15", TEXT,
       AT(from), NULL },

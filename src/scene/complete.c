@@ -442,6 +442,8 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
         res = find_overlaps(scene, &t);
     if (res == PELL_OK && !quiet && pell_is_faceted(scene, &t))
         pell_info(scene->ctx, where.str, "has per-face normals, so its triangles are visible: --normals smooth computes smooth ones");
+    if (res == PELL_OK && !quiet && pell_smooths_facets(scene, &t))
+        pell_info(scene->ctx, where.str, "has no normals and few faces, which are smoothed: --normals flat keeps them flat");
     if (res == PELL_OK)
         res = pell_make_normals(scene, &t);
     pell_topology_finish(&t);

@@ -101,7 +101,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
     *out = NULL;
     PELL_TRY(pell_viewpoint_read(loader->ctx, params, &extras.view));
     if (params->normals)
-        PELL_TRY(pell_normals_read(given->ctx, PELL_ERR_INVALID, "--normals", params->normals, &chosen.smooth));
+        PELL_TRY(pell_normals_read(given->ctx, PELL_ERR_INVALID, "--normals", params->normals, &chosen.normals));
     PELL_TRY(pell_surroundings_read(loader->ctx, params, &extras.surroundings));
     if (!(fabs(params->time) <= 1e9))
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);

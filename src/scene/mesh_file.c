@@ -217,10 +217,12 @@ static enum pell_result name_meshes(struct pell_import *import)
 }
 
 /* Sets normals to zero: pell_make_normals computes them. */
-static void forget_normals(struct pell_scene *scene)
+static void forget_normals(struct pell_scene *scene, bool flat)
 {
-    for (size_t i = 0; i < scene->num_meshes; i++)
+    for (size_t i = 0; i < scene->num_meshes; i++) {
         memset(scene->meshes[i].normal, 0, 3 * (size_t) scene->meshes[i].num_vertices * sizeof(float));
+        scene->meshes[i].flat = flat;
+    }
 }
 
 enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
@@ -262,8 +264,8 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
              : format == PELL_SCENE_OBJ ? pell_import_obj(&import, data, size)
              : format == PELL_SCENE_PLY ? pell_import_ply(&import, data, size)
                                         : pell_import_stl(&import, data, size));
-    if (loader->smooth)
-        forget_normals(import.scene);
+    if (loader->normals != PELL_NORMALS_FILE)
+        forget_normals(import.scene, loader->normals == PELL_NORMALS_FLAT);
     PELL_TRY(name_meshes(&import));
     PELL_TRY(find_unit(&import, scale, &mm));
     for (int i = 0; i < 3; i++)

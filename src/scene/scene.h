@@ -87,13 +87,16 @@ struct pell_extras {
 /* --- load.c, mesh_file.c ------------------------------------------------------------------------------------------------------ */
 
 /* The source of bytes, and the files that may be referenced. `read` NULL: files. */
+/* Where the normals of mesh files are from: the option --normals. */
+enum pell_normals { PELL_NORMALS_FILE, PELL_NORMALS_SMOOTH, PELL_NORMALS_FLAT };
+
 struct pell_loader {
     struct pell_context *ctx;
     const struct pell_load_params *params;
     const char *root;
     enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
     void *user;
-    bool smooth;        /* recompute the normals of mesh files */
+    enum pell_normals normals;
     bool is_scene_file; /* the bytes are a scene file's, whatever the path's name */
     /* Whether the scene file defines a mesh file's material of this name; NULL: no scene file, or it defines none. */
     bool (*defines)(const void *of, const char *material);
@@ -167,6 +170,8 @@ void pell_scene_same_media(const struct pell_scene *scene, uint32_t *same);
 /* Makes the missing normals of the meshes of one object, which `topology` describes. Meshes without any get creases where faces meet at
  * more than 60 degrees. */
 PELL_NODISCARD enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_topology *topology);
+/* Whether an object's normals are to be computed and will smooth most of its edges, which bend by 25 to 60 degrees: it may be a gem. */
+bool pell_smooths_facets(const struct pell_scene *scene, const struct pell_topology *topology);
 /* Whether the normals of an object are per face, so that recomputed normals would hide its facets. */
 bool pell_is_faceted(const struct pell_scene *scene, const struct pell_topology *topology);
 /* Tangents along UV set `uv`. */
@@ -180,9 +185,9 @@ PELL_NODISCARD enum pell_result pell_viewpoint_read(struct pell_context *ctx, co
 /* Parses a side, or azimuth and elevation in degrees, as in "--from"; or a studio's name. Fails with `code` for an unknown one. */
 PELL_NODISCARD enum pell_result pell_side_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
                                                struct pell_viewpoint *view);
-/* "file" or "smooth". */
+/* "file", "smooth" or "flat". */
 PELL_NODISCARD enum pell_result pell_normals_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
-                                                  bool *smooth);
+                                                  enum pell_normals *normals);
 PELL_NODISCARD enum pell_result pell_studio_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
                                                  int *studio);
 /* Adds a camera that looks along -z and frames the bounds. */

@@ -165,7 +165,7 @@ const char *pell_studio_name(size_t i)
 }
 
 static const char *const axes[] = { "y", "z" };
-static const char *const normals_from[] = { "file", "smooth" };
+static const char *const normals_from[] = { "file", "smooth", "flat" }; /* enum pell_normals */
 
 const char *pell_axis_name(size_t i)
 {
@@ -240,12 +240,13 @@ enum pell_result pell_studio_read(struct pell_context *ctx, enum pell_result cod
     return choose(ctx, code, where, text, studio_names, PELL_COUNT(studio_names), "", studio);
 }
 
-enum pell_result pell_normals_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text, bool *smooth)
+enum pell_result pell_normals_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
+                                   enum pell_normals *normals)
 {
-    int index = 0;
+    int index = PELL_NORMALS_FILE;
     const enum pell_result res = choose(ctx, code, where, text, normals_from, PELL_COUNT(normals_from), "", &index);
 
-    *smooth = res == PELL_OK && index == 1;
+    *normals = (enum pell_normals) index;
     return res;
 }
 

@@ -133,6 +133,44 @@ static void facets_are_told_of_and_smoothed_on_demand(void **state)
     free(round);
 }
 
+/* By the option, and by the smoothing groups of an OBJ without normals: `s off` is flat, any group is smooth. */
+static void flat_normals_are_those_of_the_triangles(void **state)
+{
+    const struct pell_load_params flat = { .mm_per_unit = 1.0, .bare = true, .normals = "flat" },
+                                  smooth = { .mm_per_unit = 1.0, .bare = true, .normals = "smooth" };
+    char *round = sphere_obj(16, 20.0, false, false);
+    const size_t size = strlen(round) + 16;
+    char *off = malloc(size), *on = malloc(size);
+    (void) state;
+
+    snprintf(off, size, "s off\n%s", round);
+    snprintf(on, size, "s 0\ns 1\n%s", round);
+    const struct {
+        const char *text;
+        const struct pell_load_params *params;
+        bool flat;
+    } cases[] = {
+        { round, &bare_mm, false }, { round, &flat, true }, { off, &bare_mm, true }, { off, &smooth, false }, { on, &bare_mm, false }
+    };
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        struct pell_scene *s = load(cases[i].text, cases[i].params, NULL);
+        const struct pell_mesh *m = &s->meshes[0];
+        double worst = 1.0;
+        for (uint32_t t = 0; t < m->num_triangles; t++) {
+            struct pell_vec3 at[3];
+            pell_triangle_corners(m, t, at);
+            for (int k = 0; k < 3; k++)
+                worst = fmin(worst, (double) vec3_dot(vec3_normalize(pell_triangle_cross(at)),
+                                                      vec3_load(m->normal + 3 * (size_t) m->index[3 * t + (uint32_t) k])));
+        }
+        assert_true((worst > 0.9999) == cases[i].flat);
+        finish(s);
+    }
+    free(on);
+    free(off);
+    free(round);
+}
+
 static struct pell_vec3 normal_at_origin(const char *text)
 {
     struct pell_scene *s = load(text, &bare_mm, NULL);
@@ -1025,6 +1063,7 @@ int main(void)
         cmocka_unit_test(a_cube_keeps_flat_faces),
         cmocka_unit_test(a_sphere_is_smooth_however_its_vertices_are_split),
         cmocka_unit_test(facets_are_told_of_and_smoothed_on_demand),
+        cmocka_unit_test(flat_normals_are_those_of_the_triangles),
         cmocka_unit_test(normals_weigh_faces_by_area_times_angle),
         cmocka_unit_test(degenerate_triangles_do_not_hurt),
         cmocka_unit_test(what_is_too_far_for_its_size_is_told),

@@ -33,15 +33,15 @@ static enum pell_result read_normals(const struct pell_json *at, struct pell_loa
     const struct pell_json normals = pell_json_get(at, "normals");
     struct pell_text where;
     const char *text;
-    bool smooth;
+    enum pell_normals chosen;
     enum pell_result res;
 
     if (!normals.value)
         return PELL_OK;
     PELL_TRY(pell_json_to_string(&normals, &text));
-    PELL_TRY(pell_normals_read(loader->ctx, PELL_ERR_FORMAT, pell_json_where(&normals, &where), text, &smooth));
+    PELL_TRY(pell_normals_read(loader->ctx, PELL_ERR_FORMAT, pell_json_where(&normals, &where), text, &chosen));
     if (!loader->params->normals)
-        loader->smooth = smooth;
+        loader->normals = chosen;
 
 fail:
     return res;

@@ -2,17 +2,19 @@
  * normals.c - vertex normals where a file has none: face normals weighted by area and angle over equal positions.
  *
  * The corners around a position are grouped: two faces that share an edge are in one group if they meet at less than 60 degrees.
- * A cube keeps its flat faces, a scan or a sphere becomes smooth, however the file splits or shares its vertices. */
+ * A cube keeps its flat faces, a scan or a sphere becomes smooth, however the file splits or shares its vertices. Flat meshes
+ * (pell_mesh.flat) have a crease at every edge. */
 #include "scene/mesh/topology.h"
 
 #include <string.h>
 
 #define COS_CREASE 0.5f
-#define COS_SAME 0.9999f /* 0.8 degrees */
-#define COS_BENT 0.9994f /* 2 degrees */
-#define FACETED 0.9      /* fraction of an object's triangles that have their own normals */
-#define FEWEST_ROUND 60  /* edges; most low polyhedra are meant to have flat faces */
-#define COPY 0x80000000u /* marks the index of a copy among vertex indices, which are below 2^31 */
+#define COS_SAME 0.9999f  /* 0.8 degrees */
+#define COS_BENT 0.9994f  /* 2 degrees */
+#define COS_FACETS 0.906f /* 25 degrees */
+#define FACETED 0.9       /* fraction of an object's triangles that have their own normals */
+#define FEWEST_ROUND 60   /* edges; most low polyhedra are meant to have flat faces */
+#define COPY 0x80000000u  /* marks the index of a copy among vertex indices, which are below 2^31 */
 
 struct normals {
     struct pell_scene *scene;
@@ -20,13 +22,37 @@ struct normals {
     uint32_t *group; /* per corner (half-edge that starts there): union-find, then the group's id; UINT32_MAX: degenerate triangle */
     uint32_t num_groups;
     float *sum; /* xyz per group, unit after `add_up` */
+    bool *flat; /* per triangle: pell_mesh.flat; NULL: none is */
 };
 
-static bool smooth(const struct pell_topology *t, uint32_t a, uint32_t b)
+static struct pell_vec3 unit_normal(const struct pell_topology *t, uint32_t triangle)
 {
-    const struct pell_vec3 m = vec3_normalize(vec3_load(t->face + 3 * (size_t) (a / 3)));
-    const struct pell_vec3 n = vec3_normalize(vec3_load(t->face + 3 * (size_t) (b / 3)));
-    return vec3_dot(m, n) > COS_CREASE;
+    return vec3_normalize(vec3_load(t->face + 3 * (size_t) triangle));
+}
+
+/* `a` and `b`: half-edges of an edge's two triangles. */
+static bool smooth(const struct normals *n, uint32_t a, uint32_t b)
+{
+    const bool flat = n->flat && (n->flat[a / 3] || n->flat[b / 3]);
+
+    return vec3_dot(unit_normal(n->t, a / 3), unit_normal(n->t, b / 3)) > (flat ? COS_SAME : COS_CREASE);
+}
+
+static enum pell_result mark_flat(struct normals *n)
+{
+    const struct pell_topology *t = n->t;
+    bool any = false;
+
+    for (size_t m = 0; m < t->num_meshes; m++)
+        any |= n->scene->meshes[t->mesh[m]].flat;
+    if (!any)
+        return PELL_OK;
+    n->flat = pell_calloc(n->scene->ctx, t->num_triangles, sizeof(*n->flat));
+    if (!n->flat)
+        return PELL_ERR_NOMEM;
+    for (size_t m = 0; m < t->num_meshes; m++)
+        memset(n->flat + t->first_triangle[m], n->scene->meshes[t->mesh[m]].flat, t->first_triangle[m + 1] - t->first_triangle[m]);
+    return PELL_OK;
 }
 
 static void find_groups(struct normals *n)
@@ -42,7 +68,7 @@ static void find_groups(struct normals *n)
             return;
         for (uint32_t i = e; i + 1 < end; i++) {
             const uint32_t a = t->half[i], b = t->half[i + 1];
-            if (pell_half_start(t, a) == pell_half_start(t, b) || !smooth(t, a, b))
+            if (pell_half_start(t, a) == pell_half_start(t, b) || !smooth(n, a, b))
                 continue;
             pell_union_join(n->group, a, pell_half_next(b));
             pell_union_join(n->group, pell_half_next(a), b);
@@ -283,16 +309,35 @@ bool pell_is_faceted(const struct pell_scene *scene, const struct pell_topology 
     for (uint32_t e = 0, end; e < t->num_halves && !pell_cancelled_at(scene->ctx, edges); e = end, edges++) {
         struct pell_vec3 a, b;
         end = pell_topology_edge(t, e);
-        a = vec3_normalize(vec3_load(t->face + 3 * (size_t) (t->half[e] / 3)));
-        b = vec3_normalize(vec3_load(t->face + 3 * (size_t) (t->half[end - 1] / 3)));
+        a = unit_normal(t, t->half[e] / 3);
+        b = unit_normal(t, t->half[end - 1] / 3);
         round += end - e == 2 && vec3_dot(a, b) > COS_CREASE && vec3_dot(a, b) < COS_BENT;
     }
     return round > FEWEST_ROUND && 2 * (uint64_t) round > edges;
 }
 
+bool pell_smooths_facets(const struct pell_scene *scene, const struct pell_topology *t)
+{
+    uint32_t bent = 0, facets = 0, edges = 0;
+
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        if (mesh->flat || mesh->num_vertices == 0 || !is_zero(mesh->normal))
+            return false;
+    }
+    for (uint32_t e = 0, end; e < t->num_halves && !pell_cancelled_at(scene->ctx, edges++); e = end) {
+        float cosine;
+        end = pell_topology_edge(t, e);
+        cosine = vec3_dot(unit_normal(t, t->half[e] / 3), unit_normal(t, t->half[end - 1] / 3));
+        bent += cosine < COS_SAME;
+        facets += cosine > COS_CREASE && cosine < COS_FACETS;
+    }
+    return facets >= 6 && 2 * (uint64_t) facets > bent;
+}
+
 enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_topology *t)
 {
-    struct normals n = { scene, t, NULL, 0, NULL };
+    struct normals n = { .scene = scene, .t = t };
     bool *wanted = pell_calloc(scene->ctx, t->num_meshes, sizeof(*wanted)), any_mesh = false, any_gap = false;
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -314,6 +359,7 @@ enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_t
     n.group = pell_alloc_array(scene->ctx, t->num_triangles, 3 * sizeof(*n.group));
     if (!n.group)
         goto fail;
+    PELL_TRY(mark_flat(&n));
     find_groups(&n);
     if (pell_cancelled(scene->ctx)) {
         res = PELL_ERR_CANCELLED;
@@ -332,5 +378,6 @@ fail:
     pell_free(scene->ctx, wanted);
     pell_free(scene->ctx, n.group);
     pell_free(scene->ctx, n.sum);
+    pell_free(scene->ctx, n.flat);
     return res;
 }

@@ -79,8 +79,8 @@ PELL_NODISCARD enum pell_result pell_order_by_code(struct pell_context *ctx, siz
                                                    uint64_t (*code_at)(const void *items, size_t index), const void *items,
                                                    uint32_t **order);
 
-/* The scene's meshes sorted by (object, index), and by (assembly, index): an object or an assembly is a run. `order` and `scratch` have num_meshes
- * elements. */
+/* The scene's meshes sorted by (object, index), and by (assembly, index): an object or an assembly is a run. `order` and `scratch`
+ * have num_meshes elements. */
 void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);
 void pell_scene_assemblies(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);
 

@@ -24,6 +24,7 @@ struct part {
     uint32_t name; /* index among the names, or UINT32_MAX */
     uint32_t first_run, last_run;
     size_t triangles;
+    bool smooth; /* some of its faces are not after `s off` */
 };
 
 /* The mesh that receives faces with a material. */
@@ -49,6 +50,7 @@ struct obj {
     struct target *targets; /* per material, [0] for faces without one */
     size_t num_targets, cap_targets;
     uint32_t object, name, group, material, part;      /* state for the next face; part UINT32_MAX: not known */
+    bool flat;                                         /* after `s off` */
     int64_t lines, points, surfaces, degenerate_faces; /* counts of skipped elements */
 };
 
@@ -259,7 +261,7 @@ static enum pell_result find_part(struct obj *o)
         if (res != PELL_OK)
             return res;
         o->parts[o->num_parts] =
-            (struct part) { o->object, o->material, o->name != UINT32_MAX ? o->name : o->group, UINT32_MAX, UINT32_MAX, 0 };
+            (struct part) { o->object, o->material, o->name != UINT32_MAX ? o->name : o->group, UINT32_MAX, UINT32_MAX, 0, false };
         o->targets[slot] = (struct target) { o->object, (uint32_t) o->num_parts++ };
     }
     o->part = o->targets[slot].part;
@@ -275,6 +277,7 @@ static enum pell_result extend_run(struct obj *o, size_t count)
     enum pell_result res;
 
     part->triangles += count;
+    part->smooth |= !o->flat;
     if (last && last->first + last->count == o->num_triangles - count) {
         last->count += count;
         return PELL_OK;
@@ -423,6 +426,15 @@ static enum pell_result read_libraries(struct obj *o)
     return res;
 }
 
+/* Smoothing groups other than none are all smooth, with creases. */
+static void read_smoothing(struct obj *o)
+{
+    const char *group;
+    const size_t length = pell_lex_word(&o->lex, &group);
+
+    o->flat = pell_word_is(group, length, "off") || pell_word_is(group, length, "0");
+}
+
 static enum pell_result read_line(struct obj *o)
 {
     struct pell_lex *l = &o->lex;
@@ -443,6 +455,7 @@ static enum pell_result read_line(struct obj *o)
         case 'g': return read_object_name(o, true);
         case 'l': o->lines++; break;
         case 'p': o->points++; break;
+        case 's': read_smoothing(o); break;
         default: break;
         }
     } else if (length == 2 && key[0] == 'v') {
@@ -513,6 +526,7 @@ static enum pell_result build_part(struct obj *o, const struct part *part, struc
         }
     PELL_TRY(pell_scene_add_mesh(scene, part->name != UINT32_MAX ? o->names.names[part->name].text : "", &index));
     scene->meshes[index].object = (int) part->object;
+    scene->meshes[index].flat = !part->smooth;
     scene->meshes[index].material = part->material == NO_MATERIAL ? -1 : (int) part->material;
     PELL_TRY(pell_mesh_allocate(scene, index, (uint32_t) n->count, (uint32_t) part->triangles));
     mesh = &scene->meshes[index];
