@@ -104,6 +104,9 @@ static const struct soft_light {
     { { "studio window", { -1.0f, 0.3f, 0.25f }, 4.0f, 4.5f, 1.0f * PELL_PI_F, COOL },
       { "studio room", { 0.9f, 0.1f, 0.5f }, 5.0f, 5.0f, 0.1f * PELL_PI_F, WARM } },
 };
+/* A light from behind leaves the ground behind its own plane dark. Over a ground it is this many times as far away and as large, at 45
+ * degrees: that border is beyond the floor, and the light fades towards it. */
+#define RAISED 3.2f
 enum { WINDOW = 3 };
 static const char *const studio_names[] = { "soft", "rim", "back", [WINDOW] = "window" };
 _Static_assert(PELL_COUNT(studio_names) == PELL_COUNT(studios), "one name per studio");
@@ -136,8 +139,10 @@ enum pell_result pell_scene_studio(struct pell_scene *scene, int studio, bool le
     right = vec3_cross(up, front);
     for (size_t i = 0; i < PELL_COUNT(studios[0]) && studios[studio][i].name; i++) {
         const struct soft_light *s = &studios[studio][i];
-        PELL_TRY(add_soft(scene, s->name, vec3_mad(vec3_mad(vec3_mul(right, s->toward[0]), s->toward[1], up), s->toward[2], front),
-                          s->distance, s->side, s->irradiance, tints[s->tint]));
+        const bool raised = level && s->toward[2] < 0.0f;
+        const float away = raised ? RAISED : 1.0f, height = raised ? hypotf(s->toward[0], s->toward[2]) : s->toward[1];
+        PELL_TRY(add_soft(scene, s->name, vec3_mad(vec3_mad(vec3_mul(right, s->toward[0]), height, up), s->toward[2], front),
+                          away * s->distance, away * s->side, s->irradiance, tints[s->tint]));
     }
     return PELL_OK;
 
