@@ -104,8 +104,8 @@ static const struct soft_light {
     { { "studio window", { -1.0f, 0.3f, 0.25f }, 4.0f, 4.5f, 1.0f * PELL_PI_F, COOL },
       { "studio room", { 0.9f, 0.1f, 0.5f }, 5.0f, 5.0f, 0.1f * PELL_PI_F, WARM } },
 };
-/* A light from behind leaves the ground behind its own plane dark. Over a ground it is this many times as far away and as large, at 45
- * degrees: that border is beyond the floor, and the light fades towards it. */
+/* A light behind the object leaves the ground behind the light's own plane dark. Over a ground it is this many times as far away and as
+ * large, at 45 degrees: that border is on the backdrop, above what a level camera sees. */
 #define RAISED 3.2f
 enum { WINDOW = 3 };
 static const char *const studio_names[] = { "soft", "rim", "back", [WINDOW] = "window" };

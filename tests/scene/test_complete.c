@@ -809,8 +809,22 @@ static void the_ground_is_a_floor_and_a_wall_out_of_the_bounds(void **state)
         for (int k = 0; k < 3; k++)
             REQUIRE(vec3_dot(face, vec3_load(m->normal + 3 * m->index[3 * i + k])) > 0.99f);
     }
-    for (size_t i = 0; i < s->num_lights; i++)
-        REQUIRE(s->lights[i].position[0] > -40.0f); /* no light behind the wall */
+    for (size_t i = 0; i < s->num_lights; i++) /* the corners of a light that is behind the object are above the floor, before the wall */
+        for (int corner = 0; corner < 4 && s->lights[i].position[0] < 0.0f; corner++) {
+            const struct pell_light *l = &s->lights[i];
+            const struct pell_vec3 up = vec3_load(l->up), right = vec3_cross(vec3_load(l->direction), up);
+            const struct pell_vec3 at = vec3_mad(vec3_mad(vec3_load(l->position), (corner & 1 ? 0.5f : -0.5f) * l->height, up),
+                                                 (corner & 2 ? 0.5f : -0.5f) * l->width, right);
+            int found = 0;
+            for (uint32_t k = 0; k + 2 < m->num_vertices; k += 2) { /* the profile of the backdrop, from the floor's front on */
+                const float *p = m->position + 3 * k, *q = p + 6;
+                if (at.y >= p[1] && at.y < q[1]) {
+                    REQUIRE(at.x > p[0] + (q[0] - p[0]) * (at.y - p[1]) / (q[1] - p[1]));
+                    found++;
+                }
+            }
+            assert_int_equal(found, 1);
+        }
     finish(s);
 }
 
