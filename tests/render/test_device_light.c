@@ -560,6 +560,11 @@ static void what_the_device_cannot_do_it_refuses(void **state)
     assert_string_equal(pell_light_device_refuses(d.light), "direct light by the cpu: alpha cuts surfaces");
     assert_true(pell_gpu_memory_used(d.gpu) == 0);
     r.scene->materials[0].alpha_mask = false;
+    r.scene->meshes[0].overlaps = true;
+    OK(pell_light_device_set_scene(d.light, r.scene));
+    assert_string_equal(pell_light_device_refuses(d.light), "direct light by the cpu: parts of an object overlap");
+    assert_true(pell_gpu_memory_used(d.gpu) == 0);
+    r.scene->meshes[0].overlaps = false;
     set(&d, &r);
     assert_true(pell_gpu_memory_used(d.gpu) > 0);
     rig_finish(&r);

@@ -107,6 +107,16 @@ fail:
     return res;
 }
 
+/* The device's rays meet surface inside of its own object, which does not bound the medium there. */
+static bool overlaps(const struct pell_scene *scene)
+{
+    bool any = false;
+
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        any |= scene->meshes[i].overlaps && !scene->materials[scene->meshes[i].material].opaque;
+    return any;
+}
+
 enum pell_result pell_light_device_set_scene(struct pell_light_device *d, const struct pell_scene *scene)
 {
     const uint64_t most = pell_gpu_buffer_most(d->gpu), materials = (scene->num_materials + 1) * sizeof(struct pell_lit_material);
@@ -120,6 +130,7 @@ enum pell_result pell_light_device_set_scene(struct pell_light_device *d, const 
     nodes = bvh->num_nodes * PELL_WIDE_NODE * 4;
     triangles = bvh->num_triangles * PELL_WIDE_TRIANGLE * 4;
     d->scene_why = bvh->cut                           ? "direct light by the cpu: alpha cuts surfaces"
+                   : overlaps(scene)                  ? "direct light by the cpu: parts of an object overlap"
                    : nodes > most || triangles > most ? "direct light by the cpu: more triangles than a buffer holds"
                                                       : NULL;
     if (!d->scene_why) {
