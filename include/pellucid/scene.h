@@ -45,6 +45,7 @@ struct pell_mesh {
     bool light_shell;        /* set by pell_scene_complete: an opaque emissive mesh around a point or spot light. It casts no shadow
                               * and is visible to cameras only */
     bool flat;               /* computed normals are those of the triangles; false: smooth, with creases at more than 60 degrees */
+    float thicken;           /* mm, >= 0: pell_scene_complete gives an open surface this thickness, inward, and a rim; 0: none */
     bool overlaps;           /* set by pell_scene_complete: closed parts of its assembly may touch or overlap, so some of its surface may be
                               * inside the assembly */
 };
@@ -239,6 +240,7 @@ struct pell_load_params {
     const char *environment;  /* equirectangular image that replaces the file's lights and is the background; not with `studio` */
     double environment_scale; /* factor of its radiance; 0: 1 */
     double environment_rotate_deg; /* about the y axis, as in a scene file */
+    double thicken_mm;             /* >= 0: open surfaces get this thickness; 0: as the scene file says, else none */
     const char *normals;           /* file: those of the mesh files; smooth: recomputed, with creases where triangles meet at more than
                                     * 60 degrees; flat: those of the triangles; NULL: as in the scene file, else file */
     const char *background;        /* environment, transparent, white, grey, black or "#RRGGBB" (sRGB); NULL: as in the file */

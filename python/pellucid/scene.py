@@ -21,8 +21,8 @@ _PIXELS = {np.dtype(np.uint8): "PELL_PIXEL_U8", np.dtype(np.uint16): "PELL_PIXEL
 # What Scene.load takes, with defaults.
 LOAD_OPTIONS: dict[str, Any] = {
     "size": None, "unit": None, "material": None, "camera": None, "time": None, "animation": None, "aspect": 0.0, "allow_outside": False,
-    "bare": False, "up": None, "normals": None, "from_": None, "studio": None, "environment": None, "environment_scale": 1.0,
-    "environment_rotate": 0.0, "background": None, "ground": False}
+    "bare": False, "up": None, "normals": None, "thicken": None, "from_": None, "studio": None, "environment": None,
+    "environment_scale": 1.0, "environment_rotate": 0.0, "background": None, "ground": False}
 _MESH = ("vertices", "triangles", "normals", "uv", "name", "material")
 
 
@@ -61,6 +61,7 @@ def _load_params(keep: list, **options: Any):
         "camera": name("camera"), "time": 0.0 if given["time"] is None else number(given["time"], "time"),
         "timed": given["time"] is not None, "animation": name("animation"), "aspect": number(given["aspect"], "aspect"),
         "allow_outside": bool(given["allow_outside"]), "bare": bool(given["bare"]), "up": name("up"), "normals": name("normals"),
+        "thicken_mm": millimetres(given["thicken"], "thicken"),
         "from": name("from_"), "studio": name("studio"), "environment": name("environment"),
         "environment_scale": number(given["environment_scale"], "environment_scale") if given["environment"] else 0.0,
         "environment_rotate_deg": number(given["environment_rotate"], "environment_rotate"), "background": name("background"),
@@ -89,9 +90,10 @@ class Scene(Closing):
 
         options: size (largest extent) or unit (of the file) as lengths ("70mm"; a number is in mm), material (name or file), camera
         (name), time (s), animation, aspect (width/height, for framing), allow_outside, bare (no default lights, camera, ground),
-        up ("y" or "z"), normals ("file", "smooth", "flat"), from_ (side of the camera: "front", "34", "35,15"), studio ("soft", "rim", "back",
-        "window"), environment (an image that lights the object) with environment_scale and environment_rotate (degrees), background
-        ("#f4f1ec", "white", "transparent", "environment"), ground (True: the object stands on a grey floor, or table in an environment).
+        up ("y" or "z"), normals ("file", "smooth", "flat"), thicken (thickness of open surfaces: "1mm"), from_ (side of the camera:
+        "front", "34", "35,15"), studio ("soft", "rim", "back", "window"), environment (an image that lights the object) with
+        environment_scale and environment_rotate (degrees), background ("#f4f1ec", "white", "transparent", "environment"), ground (True:
+        the object stands on a grey floor, or table in an environment).
         """
         keep: list = []
         params = _load_params(keep, **options)

@@ -92,7 +92,7 @@ struct cli {
 
     /* Options as given; NULL or false if absent. */
     char *output, *format, *method, *max_error, *material, *size, *unit, *camera, *engine, *device;
-    char *up, *normals, *from, *studio, *environment, *environment_scale, *environment_rotate, *background;
+    char *up, *normals, *thicken, *from, *studio, *environment, *environment_scale, *environment_rotate, *background;
     char *time, *animation, *frames, *checkpoint, *checkpoint_every, *dump, *progress_form;
     bool json, quiet, stats, allow_outside, ground;
     struct {

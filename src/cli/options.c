@@ -81,6 +81,8 @@ static const struct option options[] = {
       "normals of meshes: file; smooth, which recomputes them with creases where triangles meet at more than 60 degrees; or flat: those "
       "of the triangles",
       TEXT, AT(normals), NULL },
+    { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_CHECK | OPTIONS_VIEW, 0, "thicken", "LENGTH",
+      "give open surfaces, as leaves, shells and cloth, this thickness: 0.5mm", TEXT, AT(thicken), NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "from", "SIDE",
       "frame the object from front, back, left, right, top, 34 (from the right and above), or AZIMUTH,ELEVATION in degrees: 35,15", TEXT,
       AT(from), NULL },

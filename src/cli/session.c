@@ -345,6 +345,8 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
         return cli_usage(cli, "--size", "give one of them", "--size and --unit both say how large the object is");
     if (cli->size && (res = pell_parse_length(cli->ctx, "--size", cli->size, &params->size_mm)) != PELL_OK)
         return cli_failed(cli, res);
+    if (cli->thicken && (res = pell_parse_length(cli->ctx, "--thicken", cli->thicken, &params->thicken_mm)) != PELL_OK)
+        return cli_failed(cli, res);
     if (cli->unit && (res = pell_parse_length(cli->ctx, "--unit", cli->unit, &params->mm_per_unit)) != PELL_OK)
         return cli_failed(cli, res);
     if (cli->environment_scale && (!pell_parse_number(cli->environment_scale, strlen(cli->environment_scale), &params->environment_scale) ||

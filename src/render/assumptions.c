@@ -106,7 +106,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
             pell_warn(ctx, name, "move the camera, or check its unit against the mesh's",
                       "the camera is inside the object; methods render objects only from outside");
         if (!o->closed && !o->joined && may_report(ctx, &found[OPEN]))
-            pell_warn(ctx, name, "close it: transmission needs a closed surface",
+            pell_warn(ctx, name, "close it, or give it a thickness: --thicken 1mm",
                       "the surface is open (%lld boundary edges): a translucent object needs a closed surface",
                       (long long) o->boundary_edges);
         if (pell_object_is_hollow(o)) {

@@ -417,6 +417,31 @@ static enum pell_result find_overlaps(struct pell_scene *scene, const struct pel
     return PELL_OK;
 }
 
+/* Gives an open object the thickness that is wanted. */
+static enum pell_result thicken(struct pell_scene *scene, const uint32_t *meshes, size_t count, const char *where, struct pell_topology *t)
+{
+    float wanted = 0.0f;
+    enum pell_result res;
+
+    for (size_t m = 0; m < count; m++)
+        if (!scene->materials[scene->meshes[meshes[m]].material].opaque)
+            wanted = fmaxf(wanted, scene->meshes[meshes[m]].thicken);
+    if (!(wanted > 0.0f) || !pell_is_open(t))
+        return PELL_OK;
+    if (pell_is_one_sided(t)) {
+        pell_warn(scene->ctx, where, NULL, "has one side only, as a Moebius strip: no thickness is given to it");
+        return PELL_OK;
+    }
+    for (size_t m = 0; m < count; m++)
+        scene->meshes[meshes[m]].thicken = wanted;
+    res = pell_thicken(scene, t);
+    if (res != PELL_OK)
+        return res;
+    pell_info(scene->ctx, where, "is open: it is given a thickness of %g mm", (double) wanted);
+    pell_topology_finish(t);
+    return pell_topology_make(t, scene, meshes, count);
+}
+
 static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count, bool quiet)
 {
     enum pell_result (*const reorient[])(struct pell_scene *, const struct pell_topology *, const char *,
@@ -438,6 +463,8 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
             res = pell_topology_make(&t, scene, meshes, count);
         }
     }
+    if (res == PELL_OK)
+        res = thicken(scene, meshes, count, where.str, &t);
     if (res == PELL_OK)
         res = find_overlaps(scene, &t);
     if (res == PELL_OK && !quiet && pell_is_faceted(scene, &t))

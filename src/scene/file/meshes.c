@@ -5,7 +5,7 @@
 #include <string.h>
 
 const char *const pell_mesh_keys[PELL_MESH_KEYS] = { "path",  "unit",     "size",   "translate", "rotate_deg",
-                                                     "scale", "material", "object", "normals" };
+                                                     "scale", "material", "object", "normals",   "thicken" };
 
 /* "unit" and "size" of an object; the caller's override those of the file's top level. */
 static enum pell_result read_scale(const struct pell_json *at, struct pell_scale *scale)
@@ -42,6 +42,22 @@ static enum pell_result read_normals(const struct pell_json *at, struct pell_loa
     PELL_TRY(pell_normals_read(loader->ctx, PELL_ERR_FORMAT, pell_json_where(&normals, &where), text, &chosen));
     if (!loader->params->normals)
         loader->normals = chosen;
+
+fail:
+    return res;
+}
+
+static enum pell_result read_thickness(const struct pell_json *at, struct pell_scene *scene)
+{
+    const struct pell_json thicken = pell_json_get(at, "thicken");
+    double mm = 0.0;
+    enum pell_result res;
+
+    if (!thicken.value)
+        return PELL_OK;
+    PELL_TRY(pell_scene_text_length(&thicken, false, &mm));
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        scene->meshes[i].thicken = (float) mm;
 
 fail:
     return res;
@@ -215,6 +231,7 @@ static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell
         PELL_TRY(pell_scene_transform(scene, &matrix, 1.0));
         if (material.value)
             PELL_TRY(set_mesh_material(r, &material, scene));
+        PELL_TRY(read_thickness(at, scene));
     }
     if (r->scene->num_meshes == 0)
         r->scene->mm_per_unit = scene->mm_per_unit;

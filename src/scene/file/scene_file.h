@@ -65,7 +65,7 @@ PELL_NODISCARD enum pell_result pell_scene_lights(struct pell_scene_reader *r, c
 
 /* --- file/meshes.c ---------------------------------------------------------------------------------------------------------- */
 
-enum { PELL_MESH_KEYS = 9 };
+enum { PELL_MESH_KEYS = 10 };
 extern const char *const pell_mesh_keys[PELL_MESH_KEYS];
 
 /* "mesh" or "meshes" of the root. */

@@ -356,10 +356,11 @@ enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_t
         res = pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
         goto fail;
     }
+    PELL_TRY(mark_flat(&n));
+    res = PELL_ERR_NOMEM;
     n.group = pell_alloc_array(scene->ctx, t->num_triangles, 3 * sizeof(*n.group));
     if (!n.group)
         goto fail;
-    PELL_TRY(mark_flat(&n));
     find_groups(&n);
     if (pell_cancelled(scene->ctx)) {
         res = PELL_ERR_CANCELLED;

@@ -70,6 +70,12 @@ PELL_NODISCARD enum pell_result pell_orient_outward(struct pell_scene *scene, co
  * topology is no longer valid. */
 PELL_NODISCARD enum pell_result pell_drop_repeated(struct pell_scene *scene, const struct pell_topology *topology, uint32_t *dropped);
 
+/* Open surfaces (thicken.c): whether an edge has one triangle; whether two neighbours face opposite ways, as on a Moebius strip. */
+bool pell_is_open(const struct pell_topology *topology);
+bool pell_is_one_sided(const struct pell_topology *topology);
+/* Gives the object's meshes with pell_mesh.thicken > 0 that thickness; the topology is no longer valid. */
+PELL_NODISCARD enum pell_result pell_thicken(struct pell_scene *scene, const struct pell_topology *topology);
+
 /* Fills `order` with 0..count-1 sorted by keys of `words` words each (most significant first), stable. Returns the array that holds the
  * result: `order` or `scratch`, which has the same size; unsorted where the work was cancelled. */
 uint32_t *pell_sort_keys(struct pell_context *ctx, const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count);
