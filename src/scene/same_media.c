@@ -4,6 +4,8 @@
 
 #include <string.h>
 
+#define COMPARED 512 /* different media that others are compared with; those of further materials are equal to none of them */
+
 static bool same_text(const char *a, const char *b)
 {
     return a && b ? strcmp(a, b) == 0 : a == b;
@@ -20,11 +22,15 @@ static bool same_medium(const struct pell_material *a, const struct pell_materia
 void pell_scene_same_media(const struct pell_scene *scene, uint32_t *same)
 {
     const struct pell_material *m = scene->materials;
+    uint32_t different[COMPARED], num_different = 0;
 
     for (uint32_t i = 0; i < scene->num_materials; i++) {
-        uint32_t k = m[i].opaque || m[i].num_layers > 0 ? i : 0;
-        while (k < i && (same[k] != k || m[k].opaque || m[k].num_layers > 0 || !same_medium(&m[k], &m[i])))
+        const bool alone = m[i].opaque || m[i].num_layers > 0;
+        uint32_t k = 0;
+        while (!alone && k < num_different && !same_medium(&m[different[k]], &m[i]))
             k++;
-        same[i] = k;
+        same[i] = alone || k == num_different ? i : different[k];
+        if (!alone && k == num_different && num_different < COMPARED)
+            different[num_different++] = i;
     }
 }

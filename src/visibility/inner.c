@@ -80,7 +80,8 @@ bool pell_surface_is_inside(const struct pell_rays_surface *s, uint32_t triangle
 
 /* --- Sides ----------------------------------------------------------------------------------------------------------------------- */
 
-#define SIDES 64 /* triangles per task */
+#define SIDES 64        /* triangles per task */
+#define TRIED_MOST 2048 /* neighbours of a triangle; one with more is tested at each hit */
 
 struct side_job {
     const struct pell_rays *rays;
@@ -92,9 +93,21 @@ struct contact {
     const struct pell_rays_surface *surface, *surfaces;
     uint32_t triangle;
     struct pell_dvec3 corner[3];
+    struct pell_dvec3 lo, hi; /* its box, wider by the distance */
     double distance2;
+    int tried;
     bool any;
 };
+
+static bool meets_box(const struct pell_dvec3 corner[3], struct pell_dvec3 lo, struct pell_dvec3 hi)
+{
+    const double *a = &corner[0].x, *b = &corner[1].x, *c = &corner[2].x, *low = &lo.x, *high = &hi.x;
+    bool meets = true;
+
+    for (int k = 0; k < 3; k++)
+        meets &= fmin(a[k], fmin(b[k], c[k])) <= high[k] && fmax(a[k], fmax(b[k], c[k])) >= low[k];
+    return meets;
+}
 
 static bool try_contact(struct RTCPointQueryFunctionArguments *args)
 {
@@ -103,15 +116,23 @@ static bool try_contact(struct RTCPointQueryFunctionArguments *args)
     struct pell_vec3 at[3];
     struct pell_dvec3 corner[3];
 
-    if (c->any || pell_mesh_assembly(s->mesh) != pell_mesh_assembly(c->surface->mesh) || s->medium != c->surface->medium ||
+    if (pell_mesh_assembly(s->mesh) != pell_mesh_assembly(c->surface->mesh) || s->medium != c->surface->medium ||
         (s == c->surface && args->primID == c->triangle))
         return false;
     pell_triangle_corners(s->mesh, args->primID, at);
     for (int k = 0; k < 3; k++)
         corner[k] = dvec3_widen(at[k]);
-    c->any = pell_triangles_touch(c->corner, corner, c->distance2);
-    return false;
+    c->any = ++c->tried > TRIED_MOST || (meets_box(corner, c->lo, c->hi) && pell_triangles_touch(c->corner, corner, c->distance2));
+    if (!c->any)
+        return false;
+    args->query->radius = 0.0f; /* ends the search */
+    return true;
 }
+
+/* Barycentrics of the points that must all be inside for a triangle that others touch to be inside as a whole, as one that coincides with
+ * the face of another part: the middle, near the corners, and near the sides. */
+static const float probes[][2] = { { 0.333f, 0.333f }, { 0.01f, 0.01f },  { 0.98f, 0.01f }, { 0.01f, 0.98f }, { 0.495f, 0.495f },
+                                   { 0.495f, 0.01f },  { 0.01f, 0.495f }, { 0.25f, 0.25f }, { 0.5f, 0.25f },  { 0.25f, 0.5f } };
 
 static uint8_t side_of(const struct side_job *job, uint32_t triangle)
 {
@@ -129,13 +150,25 @@ static uint8_t side_of(const struct side_job *job, uint32_t triangle)
         radius = fmaxf(radius, vec3_length(vec3_sub(at[k], middle)));
     }
     c.distance2 = (double) distance * (double) distance;
+    c.lo = dvec3(INFINITY, INFINITY, INFINITY);
+    c.hi = dvec3(-INFINITY, -INFINITY, -INFINITY);
+    for (int k = 0; k < 3; k++) {
+        const double d = (double) distance;
+        c.lo = dvec3(fmin(c.lo.x, c.corner[k].x - d), fmin(c.lo.y, c.corner[k].y - d), fmin(c.lo.z, c.corner[k].z - d));
+        c.hi = dvec3(fmax(c.hi.x, c.corner[k].x + d), fmax(c.hi.y, c.corner[k].y + d), fmax(c.hi.z, c.corner[k].z + d));
+    }
     query.x = middle.x;
     query.y = middle.y;
     query.z = middle.z;
     query.radius = radius + distance;
     rtcInitPointQueryContext(&context);
     rtcPointQuery(job->rays->scene, &query, &context, try_contact, &c);
-    return c.any ? SIDE_MIXED : is_inner(job->surface, triangle, 1.0f / 3.0f, 1.0f / 3.0f) ? SIDE_INNER : SIDE_OUTER;
+    if (!c.any)
+        return is_inner(job->surface, triangle, 1.0f / 3.0f, 1.0f / 3.0f) ? SIDE_INNER : SIDE_OUTER;
+    for (size_t i = 0; i < PELL_COUNT(probes); i++)
+        if (!is_inner(job->surface, triangle, probes[i][0], probes[i][1]))
+            return SIDE_MIXED;
+    return SIDE_INNER;
 }
 
 static void sides_task(void *arg, int index, int worker)
@@ -155,6 +188,11 @@ void pell_rays_find_sides(const struct pell_rays *rays, const struct pell_scene 
         if (job.surface->side)
             pell_pool_run(pool, (int) ((scene->meshes[i].num_triangles + SIDES - 1) / SIDES), sides_task, &job);
     }
+}
+
+bool pell_rays_hide(const struct pell_rays *rays, uint32_t mesh, uint32_t triangle)
+{
+    return rays->surfaces[mesh].side && rays->surfaces[mesh].side[triangle] == SIDE_INNER;
 }
 
 bool pell_rays_inner(const struct pell_rays *rays, uint32_t mesh, uint32_t triangle, float u, float v)

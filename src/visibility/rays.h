@@ -129,6 +129,8 @@ int pell_rays_exits(const struct pell_rays *rays, const struct pell_ray *ray, in
 /* Whether a point of a surface is inside another part of its object that has the same medium (pell_mesh.overlaps). Rays do not meet such
  * surface. */
 bool pell_rays_inner(const struct pell_rays *rays, uint32_t mesh, uint32_t triangle, float u, float v);
+/* The same of a whole triangle. */
+bool pell_rays_hide(const struct pell_rays *rays, uint32_t mesh, uint32_t triangle);
 
 struct pell_nearest {
     uint32_t mesh, triangle;

@@ -217,6 +217,8 @@ static void subdivide_mesh(struct cutter *c, uint32_t mesh_index)
         c->triangle = t;
         for (int i = 0; i < 3; i++)
             c->corner[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
+        if (pell_rays_hide(in->p.rays, mesh_index, t))
+            continue;
         if (!(vec3_length(pell_triangle_cross(c->corner)) > 0.0f)) /* its pieces may have nonzero area, by rounding */
             continue;
         cell = subdivide(c, &whole, INDIRECT_NONE, 0);

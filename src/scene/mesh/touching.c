@@ -19,8 +19,8 @@ struct object {
     const uint32_t *meshes;
     size_t count;
     struct pell_dvec3 lo, hi;
-    int file; /* pell_mesh.file */
-    bool closed;
+    int file;                                /* pell_mesh.file */
+    enum { UNKNOWN, OPEN, CLOSED } boundary; /* UNKNOWN until it is asked for */
 };
 
 struct triangle {
@@ -50,6 +50,12 @@ static double extent(const struct object *o)
 static double largest_coordinate(const struct object *o)
 {
     return fmax(fmax(fmax(fabs(o->lo.x), fabs(o->hi.x)), fmax(fabs(o->lo.y), fabs(o->hi.y))), fmax(fabs(o->lo.z), fabs(o->hi.z)));
+}
+
+/* mm: surfaces of two objects that are nearer touch. */
+static double gap_between(const struct object *a, const struct object *b)
+{
+    return GAP * fmin(extent(a), extent(b)) + ROUNDING * fmax(largest_coordinate(a), largest_coordinate(b));
 }
 
 static void widen_box(struct pell_dvec3 *lo, struct pell_dvec3 *hi, struct pell_dvec3 p)
@@ -122,18 +128,14 @@ static bool is_translucent(const struct pell_scene *scene, const struct pell_mes
     return mesh->num_triangles > 0 && !scene->materials[mesh->material].opaque;
 }
 
-static enum pell_result objects_touch(struct search *s, const struct object *a, const struct object *b, bool *touch)
+static enum pell_result objects_touch(struct search *s, const struct object *a, const struct object *b, double gap, bool *touch)
 {
     const struct pell_scene *scene = s->scene;
-    const double gap = GAP * fmin(extent(a), extent(b)) + ROUNDING * fmax(largest_coordinate(a), largest_coordinate(b));
     enum pell_result res = PELL_OK;
 
     *touch = false;
-    s->steps++;
-    if (!boxes_meet(a->lo, a->hi, b->lo, b->hi, gap))
-        return PELL_OK;
     for (size_t i = 0; i < a->count && !*touch; i++)
-        for (size_t k = 0; k < b->count && !*touch; k++) {
+        for (size_t k = 0; k < b->count && !*touch && s->steps < STEPS_MOST; k++) {
             const struct pell_mesh *m = &scene->meshes[a->meshes[i]], *n = &scene->meshes[b->meshes[k]];
             if (!is_translucent(scene, m) || !is_translucent(scene, n) || s->same[m->material] != s->same[n->material])
                 continue;
@@ -167,6 +169,18 @@ static enum pell_result is_closed(const struct search *s, const uint32_t *meshes
     res = parts ? PELL_OK : PELL_ERR_NOMEM;
     pell_free(s->scene->ctx, parts);
     pell_topology_finish(&t);
+    return res;
+}
+
+static enum pell_result find_boundary(const struct search *s, struct object *o)
+{
+    bool closed = false;
+    enum pell_result res = PELL_OK;
+
+    if (o->boundary == UNKNOWN)
+        res = is_closed(s, o->meshes, o->count, &closed);
+    if (o->boundary == UNKNOWN)
+        o->boundary = closed ? CLOSED : OPEN;
     return res;
 }
 
@@ -210,14 +224,20 @@ static enum pell_result join_touching(struct search *s)
     enum pell_result res = PELL_OK;
 
     for (uint32_t i = 0; i < s->count; i++)
-        for (uint32_t k = i + 1; k < s->count && s->steps < STEPS_MOST; k++) {
-            const struct object *a = &s->objects[i], *b = &s->objects[k];
+        for (uint32_t k = i + 1; k < s->count && s->steps < STEPS_MOST; k++, s->steps++) {
+            struct object *a = &s->objects[i], *b = &s->objects[k];
+            const double gap = gap_between(a, b);
             bool touch;
-            if (b->lo.x > a->hi.x + GAP * extent(a) + ROUNDING * largest_coordinate(b))
+            if (b->lo.x > a->hi.x + gap)
                 break;
-            if (a->closed != b->closed || a->file != b->file || coincide(a, b) || pell_union_root(s->set, i) == pell_union_root(s->set, k))
+            if (a->file != b->file || !boxes_meet(a->lo, a->hi, b->lo, b->hi, gap) || coincide(a, b) ||
+                pell_union_root(s->set, i) == pell_union_root(s->set, k))
                 continue;
-            PELL_TRY(objects_touch(s, a, b, &touch));
+            PELL_TRY(find_boundary(s, a));
+            PELL_TRY(find_boundary(s, b));
+            if (a->boundary != b->boundary)
+                continue;
+            PELL_TRY(objects_touch(s, a, b, gap, &touch));
             if (touch)
                 pell_union_join(s->set, i, k);
         }
@@ -226,39 +246,55 @@ fail:
     return res;
 }
 
-/* Makes the objects of each set one assembly; open objects only where they are closed together. Counts the objects that are joined, and
- * the sets. */
-static enum pell_result number_sets(struct search *s, uint32_t *meshes, size_t *joined, size_t *sets)
+/* Makes the objects of one set an assembly; open objects only if they are closed together. `members` are the set's objects. */
+static enum pell_result make_assembly(struct search *s, const uint32_t *members, size_t count, uint32_t *meshes, bool *made)
 {
     struct pell_scene *scene = s->scene;
+    bool closed = s->objects[members[0]].boundary == CLOSED;
+    size_t num_meshes = 0;
+    int number = INT32_MAX;
     enum pell_result res = PELL_OK;
 
-    for (uint32_t i = 0; i < s->count; i++) {
-        size_t count = 0, members = 0;
-        int number = INT32_MAX;
-        bool closed = s->objects[i].closed;
-        if (pell_union_root(s->set, i) != i)
-            continue;
-        for (uint32_t k = i; k < s->count; k++) {
-            if (pell_union_root(s->set, k) != i)
-                continue;
-            members++;
-            memcpy(meshes + count, s->objects[k].meshes, s->objects[k].count * sizeof(*meshes));
-            count += s->objects[k].count;
-        }
-        if (members > 1 && !closed)
-            PELL_TRY(is_closed(s, meshes, count, &closed));
-        if (members < 2 || !closed)
-            continue;
-        for (size_t k = 0; k < count; k++)
-            number = scene->meshes[meshes[k]].object < number ? scene->meshes[meshes[k]].object : number;
-        for (size_t k = 0; k < count; k++)
-            scene->meshes[meshes[k]].joined = number + 1;
-        *joined += members;
-        ++*sets;
+    for (size_t i = 0; i < count; i++) {
+        const struct object *o = &s->objects[members[i]];
+        memcpy(meshes + num_meshes, o->meshes, o->count * sizeof(*meshes));
+        num_meshes += o->count;
     }
+    if (!closed)
+        res = is_closed(s, meshes, num_meshes, &closed);
+    *made = closed;
+    for (size_t k = 0; k < num_meshes; k++)
+        number = scene->meshes[meshes[k]].object < number ? scene->meshes[meshes[k]].object : number;
+    for (size_t k = 0; closed && k < num_meshes; k++)
+        scene->meshes[meshes[k]].joined = number + 1;
+    return res;
+}
+
+/* Counts the objects that are joined, and the assemblies. */
+static enum pell_result make_assemblies(struct search *s, uint32_t *meshes, size_t *joined, size_t *assemblies)
+{
+    struct pell_context *ctx = s->scene->ctx;
+    uint32_t *root = pell_alloc_array(ctx, s->count, 3 * sizeof(*root)), *order;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!root)
+        return PELL_ERR_NOMEM;
+    for (uint32_t i = 0; i < s->count; i++)
+        root[i] = pell_union_root(s->set, i);
+    order = pell_sort_keys(ctx, root, 1, root + s->count, root + 2 * s->count, (uint32_t) s->count);
+    for (size_t i = 0, end; i < s->count; i = end) {
+        bool made = false;
+        for (end = i + 1; end < s->count && root[order[end]] == root[order[i]]; end++)
+            continue;
+        if (end - i > 1)
+            PELL_TRY(make_assembly(s, order + i, end - i, meshes, &made));
+        *joined += made ? end - i : 0;
+        *assemblies += made;
+    }
+    res = PELL_OK;
 
 fail:
+    pell_free(ctx, root);
     return res;
 }
 
@@ -267,7 +303,7 @@ enum pell_result pell_join_touching(struct pell_scene *scene, bool quiet)
     struct pell_context *ctx = scene->ctx;
     struct search s = { .scene = scene };
     uint32_t *order = pell_alloc_array(ctx, scene->num_meshes, 3 * sizeof(*order));
-    size_t joined = 0, sets = 0;
+    size_t joined = 0, assemblies = 0;
     enum pell_result res = PELL_ERR_NOMEM;
 
     for (size_t i = 0; i < scene->num_meshes; i++)
@@ -282,16 +318,14 @@ enum pell_result pell_join_touching(struct pell_scene *scene, bool quiet)
     PELL_TRY(list_objects(&s, order));
     if (s.count < 2)
         goto fail;
-    for (uint32_t i = 0; i < s.count; i++) {
+    for (uint32_t i = 0; i < s.count; i++)
         s.set[i] = i;
-        PELL_TRY(is_closed(&s, s.objects[i].meshes, s.objects[i].count, &s.objects[i].closed));
-    }
     qsort(s.objects, s.count, sizeof(*s.objects), compare_objects);
     PELL_TRY(join_touching(&s));
-    PELL_TRY(number_sets(&s, order + 2 * scene->num_meshes, &joined, &sets));
-    if (sets > 0 && !quiet)
+    PELL_TRY(make_assemblies(&s, order + 2 * scene->num_meshes, &joined, &assemblies));
+    if (assemblies > 0 && !quiet)
         pell_info(ctx, scene->path, "%zu objects touch others of the same medium: they are rendered as %s", joined,
-                  pell_counted(sets, "solid", "solids").str);
+                  pell_counted((long long) assemblies, "solid", "solids").str);
     if (s.steps >= STEPS_MOST && !quiet)
         pell_info(ctx, scene->path, "too many objects are near each other to find all that touch");
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
