@@ -99,14 +99,15 @@ struct contact {
     bool any;
 };
 
-static bool meets_box(const struct pell_dvec3 corner[3], struct pell_dvec3 lo, struct pell_dvec3 hi)
+static bool overlap(double a, double b, double c, double low, double high)
 {
-    const double *a = &corner[0].x, *b = &corner[1].x, *c = &corner[2].x, *low = &lo.x, *high = &hi.x;
-    bool meets = true;
+    return fmin(a, fmin(b, c)) <= high && fmax(a, fmax(b, c)) >= low;
+}
 
-    for (int k = 0; k < 3; k++)
-        meets &= fmin(a[k], fmin(b[k], c[k])) <= high[k] && fmax(a[k], fmax(b[k], c[k])) >= low[k];
-    return meets;
+static bool meets_box(const struct pell_dvec3 p[3], struct pell_dvec3 lo, struct pell_dvec3 hi)
+{
+    return overlap(p[0].x, p[1].x, p[2].x, lo.x, hi.x) && overlap(p[0].y, p[1].y, p[2].y, lo.y, hi.y) &&
+           overlap(p[0].z, p[1].z, p[2].z, lo.z, hi.z);
 }
 
 static bool try_contact(struct RTCPointQueryFunctionArguments *args)
@@ -116,7 +117,7 @@ static bool try_contact(struct RTCPointQueryFunctionArguments *args)
     struct pell_vec3 at[3];
     struct pell_dvec3 corner[3];
 
-    if (pell_mesh_assembly(s->mesh) != pell_mesh_assembly(c->surface->mesh) || s->medium != c->surface->medium ||
+    if (c->any || pell_mesh_assembly(s->mesh) != pell_mesh_assembly(c->surface->mesh) || s->medium != c->surface->medium ||
         (s == c->surface && args->primID == c->triangle))
         return false;
     pell_triangle_corners(s->mesh, args->primID, at);
@@ -125,14 +126,14 @@ static bool try_contact(struct RTCPointQueryFunctionArguments *args)
     c->any = ++c->tried > TRIED_MOST || (meets_box(corner, c->lo, c->hi) && pell_triangles_touch(c->corner, corner, c->distance2));
     if (!c->any)
         return false;
-    args->query->radius = 0.0f; /* ends the search */
+    args->query->radius = 0.0f; /* ends the search after this leaf */
     return true;
 }
 
 /* Barycentrics of the points that must all be inside for a triangle that others touch to be inside as a whole, as one that coincides with
  * the face of another part: the middle, near the corners, and near the sides. */
-static const float probes[][2] = { { 0.333f, 0.333f }, { 0.01f, 0.01f },  { 0.98f, 0.01f }, { 0.01f, 0.98f }, { 0.495f, 0.495f },
-                                   { 0.495f, 0.01f },  { 0.01f, 0.495f }, { 0.25f, 0.25f }, { 0.5f, 0.25f },  { 0.25f, 0.5f } };
+static const float probes[][2] = { { 0.333f, 0.333f },  { 0.001f, 0.001f },  { 0.998f, 0.001f }, { 0.001f, 0.998f }, { 0.4995f, 0.4995f },
+                                   { 0.4995f, 0.001f }, { 0.001f, 0.4995f }, { 0.25f, 0.25f },   { 0.5f, 0.25f },    { 0.25f, 0.5f } };
 
 static uint8_t side_of(const struct side_job *job, uint32_t triangle)
 {

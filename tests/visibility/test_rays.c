@@ -2,6 +2,7 @@
  * test_rays.c - visibility against a test of every triangle, masks, holes, refusals. */
 #include "shapes.h"
 
+#include "scene/triangle.h"
 #include "visibility/rays.h"
 
 static _Alignas(64) const int all[16] = { -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1 };
@@ -412,6 +413,56 @@ static void surface_inside_its_object_is_not_there(void **state)
     }
 }
 
+/* Rows and stacks of boxes that touch in part of a face, in whole faces, or overlap: each point of the surface, against the boxes. */
+static void sides_are_those_of_the_boxes(void **state)
+{
+    enum { BOXES = 60 };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = shapes_scene(ctx);
+    struct pell_vec3 lo[BOXES], hi[BOXES];
+    struct pell_rays *rays;
+    uint32_t seed = 9;
+    int inner = 0, compared = 0;
+
+    (void) state;
+    for (int i = 0; i < BOXES; i++) {
+        const float shift = i / 20 == 0 ? 0.0f : i / 20 == 1 ? 0.37f : 0.11f * (float) (i % 5);
+        lo[i] = vec3((float) (i % 20), shift, (float) (3 * (i / 20)) + 0.5f * shift);
+        hi[i] = vec3_add(lo[i], vec3(i % 20 == 7 ? 1.6f : 1.0f, 1.0f, 1.0f + 0.2f * (float) (i % 3)));
+        shapes_box(s, 0, lo[i], hi[i])->overlaps = true;
+        s->meshes[i].object = 0;
+    }
+    rays = build(ctx, s);
+    for (int n = 0; n < 20000; n++) {
+        const uint32_t mesh = (uint32_t) (shapes_random(&seed) * BOXES), triangle = (uint32_t) (shapes_random(&seed) * 12.0f);
+        float u = shapes_random(&seed), v = shapes_random(&seed);
+        struct pell_vec3 c[3], p, normal;
+        bool inside = false, doubtful = false;
+        if (u + v > 1.0f) {
+            u = 1.0f - u;
+            v = 1.0f - v;
+        }
+        pell_triangle_corners(&s->meshes[mesh], triangle, c);
+        normal = vec3_normalize(pell_triangle_cross(c));
+        p = vec3_mad(vec3_add(vec3_add(vec3_mul(c[0], 1.0f - u - v), vec3_mul(c[1], u)), vec3_mul(c[2], v)), 1e-3f, normal);
+        for (int i = 0; i < BOXES; i++) {
+            const float depth =
+                fminf(fminf(fminf(p.x - lo[i].x, hi[i].x - p.x), fminf(p.y - lo[i].y, hi[i].y - p.y)), fminf(p.z - lo[i].z, hi[i].z - p.z));
+            inside |= depth > 0.0f;
+            doubtful |= fabsf(depth) < 9e-4f;
+        }
+        if (doubtful)
+            continue;
+        compared++;
+        inner += inside;
+        assert_int_equal(pell_rays_inner(rays, mesh, triangle, u, v), inside);
+    }
+    assert_true(compared > 18000 && inner > 3000 && inner < compared - 3000);
+    pell_rays_destroy(&rays);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
 static void bad_indices_and_materials_are_refused_by_name(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -644,6 +695,7 @@ int main(void)
         cmocka_unit_test(no_ray_slips_through_the_edges_of_a_closed_mesh),
         cmocka_unit_test(exits_are_counted_through_coincident_faces),
         cmocka_unit_test(surface_inside_its_object_is_not_there),
+        cmocka_unit_test(sides_are_those_of_the_boxes),
         cmocka_unit_test(bad_indices_and_materials_are_refused_by_name),
         cmocka_unit_test(lack_of_memory_is_an_error_and_leaves_nothing_behind),
         cmocka_unit_test(the_nearest_point_is_the_nearest_of_all),
