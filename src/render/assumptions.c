@@ -117,7 +117,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         }
         if (o->closed && !o->outward && may_report(ctx, &found[INVERTED]))
             pell_warn(ctx, name, "flip its faces", "the surface has inverted normals");
-        if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && may_report(ctx, &found[THIN]))
+        if (o->closed && !o->joined && o->thickness_mm > 0.0 && mfp > o->thickness_mm && may_report(ctx, &found[THIN]))
             pell_warn(ctx, name, "check --size or --unit: diffusion holds for objects many mean free paths thick",
                       "the mean free path of %s, %.3g mm, is longer than the object is thick (%.3g mm)",
                       m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);

@@ -201,7 +201,7 @@ static enum pell_result report_object(struct check *k, const struct pell_topolog
             add(k, FACETED, PELL_SEVERITY_NOTE, where, "has the normals of its flat triangles, which show: --normals smooth rounds it"));
     if (o->holds_camera)
         PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));
-    if (mfp > size && !pell_object_is_hollow(o))
+    if (mfp > size && !o->joined && !pell_object_is_hollow(o))
         PELL_TRY(
             add(k, THIN, PELL_SEVERITY_WARNING, where,
                 "light goes %.3g mm in \"%s\" between two scattering events, but the object is %.3g mm %s: diffusion does not hold; is "

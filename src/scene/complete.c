@@ -643,6 +643,10 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
     PELL_TRY(check_size(scene));
     PELL_TRY(pell_join_touching(scene, params->bare));
     PELL_TRY(complete_objects(scene, params->bare));
+    if (!pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) { /* surfaces may have got a thickness */
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     PELL_TRY(complete_tangents(scene));
     if (pell_cancelled(scene->ctx)) {
         res = PELL_ERR_CANCELLED;

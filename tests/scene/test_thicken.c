@@ -87,6 +87,9 @@ static void both_sides_are_the_thickness_apart(void **state)
     assert_true(inner > 60);
     pell_scene_destroy(&s);
     free(text);
+    s = load_thick(ctx, "v 0 0 0\nv 4 0 0\nv 4 4 0\nv 0 4 0\nf 1 2 3 4\n", 3.0);
+    REQUIRE_NEAR(s->bounds_min[2], -3.0, 1e-5); /* the bounds are those of what is rendered */
+    pell_scene_destroy(&s);
     pell_context_destroy(&ctx);
 }
 

@@ -4,6 +4,7 @@
 #include "shapes.h"
 
 #include "math/near.h"
+#include "scene/triangle.h"
 
 /* A scene of two objects, and how many assemblies they are once it is complete. */
 struct pair {
@@ -198,6 +199,53 @@ static void distances_are_those_of_points(void **state)
     }
 }
 
+static void flip(struct pell_mesh *m)
+{
+    for (uint32_t i = 0; i < m->num_triangles; i++) {
+        const uint32_t first = m->index[3 * (size_t) i];
+        m->index[3 * (size_t) i] = m->index[3 * (size_t) i + 1];
+        m->index[3 * (size_t) i + 1] = first;
+    }
+}
+
+/* A part that is inside out is turned before it is joined, where its edges are those of its neighbour. */
+static void parts_that_are_inside_out_are_turned(void **state)
+{
+    (void) state;
+    for (int halves = 0; halves < 2; halves++) {
+        struct pair p;
+        double volume = 0.0;
+        start(&p);
+        if (halves) {
+            for (int i = 0; i < 2; i++) {
+                struct pell_mesh *m = shapes_ball(p.scene, 0, vec3(0, 0, 0), 10.0f, 24);
+                const uint32_t half = m->num_triangles / 2;
+                m->object = i;
+                if (i == 1)
+                    memmove(m->index, m->index + 3 * (size_t) half, 3 * (size_t) (m->num_triangles - half) * sizeof(*m->index));
+                m->num_triangles = i == 0 ? half : m->num_triangles - half;
+            }
+        } else {
+            box(&p, 0, vec3(0, 0, 0), vec3(10, 10, 10));
+            box(&p, 0, vec3(10, 0, 0), vec3(20, 10, 10));
+        }
+        flip(&p.scene->meshes[1]);
+        for (int i = 0; i < 2; i++)
+            p.scene->meshes[i].file = 1;
+        assert_int_equal(pell_scene_complete(p.scene, NULL), PELL_OK);
+        assert_int_equal(pell_mesh_assembly(&p.scene->meshes[0]), pell_mesh_assembly(&p.scene->meshes[1]));
+        for (size_t i = 0; i < 2; i++) /* signed: that of the cones from the origin to all triangles */
+            for (uint32_t t = 0; t < p.scene->meshes[i].num_triangles; t++) {
+                struct pell_vec3 at[3];
+                pell_triangle_corners(&p.scene->meshes[i], t, at);
+                volume += (double) vec3_dot(at[0], vec3_cross(at[1], at[2])) / 6.0;
+            }
+        REQUIRE_REL(volume, halves ? 4.0 / 3.0 * PELL_PI * 1000.0 : 2000.0, halves ? 0.02 : 1e-6);
+        pell_scene_destroy(&p.scene);
+        pell_context_destroy(&p.ctx);
+    }
+}
+
 /* What a scene file puts next to each other stays apart. */
 static void objects_of_two_files_are_not_joined(void **state)
 {
@@ -242,6 +290,7 @@ int main(void)
         cmocka_unit_test(rows_become_one_object),
         cmocka_unit_test(objects_of_two_files_are_not_joined),
         cmocka_unit_test(objects_of_a_file_are_joined),
+        cmocka_unit_test(parts_that_are_inside_out_are_turned),
         cmocka_unit_test(overlaps_are_marked),
         cmocka_unit_test(distances_are_those_of_points),
     };

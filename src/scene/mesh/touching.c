@@ -108,6 +108,8 @@ static bool lists_touch(struct search *s, double gap)
     double longest = 0.0; /* in b, along x */
     size_t first = 0;
 
+    if (a->count == 0 || b->count == 0)
+        return false;
     qsort(a->at, a->count, sizeof(*a->at), compare_starts);
     qsort(b->at, b->count, sizeof(*b->at), compare_starts);
     for (size_t k = 0; k < b->count; k++)
@@ -150,6 +152,25 @@ fail:
 
 /* --- All objects ------------------------------------------------------------------------------------------------------------------ */
 
+/* Orients the surface as pell_scene_complete does with single objects: where two closed ones share edges, the parts of their union cannot
+ * be told apart. Of open ones only their union has an outside. */
+static enum pell_result orient(const struct search *s, const uint32_t *meshes, size_t count, struct pell_topology *t)
+{
+    enum pell_result (*const reorient[])(struct pell_scene *, const struct pell_topology *, const char *,
+                                         bool *) = { pell_make_winding_consistent, pell_orient_outward };
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; i < PELL_COUNT(reorient) && res == PELL_OK; i++) {
+        bool flipped = false;
+        res = reorient[i](s->scene, t, s->scene->path, &flipped);
+        if (res == PELL_OK && flipped) {
+            pell_topology_finish(t);
+            res = pell_topology_make(t, s->scene, meshes, count);
+        }
+    }
+    return res;
+}
+
 static enum pell_result is_closed(const struct search *s, const uint32_t *meshes, size_t count, bool *closed)
 {
     struct pell_topology t;
@@ -159,6 +180,11 @@ static enum pell_result is_closed(const struct search *s, const uint32_t *meshes
     *closed = false;
     if (res != PELL_OK)
         return res;
+    res = orient(s, meshes, count, &t);
+    if (res != PELL_OK) {
+        pell_topology_finish(&t);
+        return res;
+    }
     parts = pell_alloc_array(s->scene->ctx, t.num_parts, sizeof(*parts));
     if (parts) {
         pell_topology_parts(&t, s->scene, parts);
