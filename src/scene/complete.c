@@ -444,8 +444,6 @@ static enum pell_result thicken(struct pell_scene *scene, const uint32_t *meshes
 
 static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count, bool quiet)
 {
-    enum pell_result (*const reorient[])(struct pell_scene *, const struct pell_topology *, const char *,
-                                         bool *) = { pell_make_winding_consistent, pell_orient_outward };
     struct pell_text where = { 0 };
     struct pell_topology t;
     enum pell_result res;
@@ -454,15 +452,7 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
         return PELL_ERR_CANCELLED;
     describe_object(scene, scene->meshes[meshes[0]].name, &where);
     PELL_TRY(make_topology(scene, meshes, count, where.str, &t));
-    for (size_t i = 0; i < PELL_COUNT(reorient) && res == PELL_OK; i++) {
-        bool flipped = false;
-        res = reorient[i](scene, &t, where.str, &flipped);
-        /* Flipping triangles swaps corners: half-edges and face normals must be recomputed. */
-        if (res == PELL_OK && flipped) {
-            pell_topology_finish(&t);
-            res = pell_topology_make(&t, scene, meshes, count);
-        }
-    }
+    res = pell_orient(scene, &t, meshes, count, where.str);
     if (res == PELL_OK)
         res = thicken(scene, meshes, count, where.str, &t);
     if (res == PELL_OK)

@@ -59,12 +59,10 @@ struct pell_part {
 /* `parts` has num_parts elements; incomplete if the work was cancelled. */
 void pell_topology_parts(const struct pell_topology *topology, const struct pell_scene *scene, struct pell_part *parts);
 
-/* Flip triangles whose orientation disagrees with their neighbours, and closed surfaces that face inward (winding.c); `where`: for
- * messages. If *any is true, the topology is no longer valid. */
-PELL_NODISCARD enum pell_result pell_make_winding_consistent(struct pell_scene *scene, const struct pell_topology *topology,
-                                                             const char *where, bool *any);
-PELL_NODISCARD enum pell_result pell_orient_outward(struct pell_scene *scene, const struct pell_topology *topology, const char *where,
-                                                    bool *any);
+/* Flips triangles whose orientation disagrees with their neighbours, and closed surfaces that face inward (winding.c), and makes the
+ * topology anew if any were flipped: of `meshes`, those that it was made of. `where`: for messages. */
+PELL_NODISCARD enum pell_result pell_orient(struct pell_scene *scene, struct pell_topology *topology, const uint32_t *meshes, size_t count,
+                                            const char *where);
 
 /* Removes duplicate triangles of the same mesh, with equal winding, texture coordinates and colours (repeated.c). If *dropped is not 0, the
  * topology is no longer valid. */

@@ -152,25 +152,7 @@ fail:
 
 /* --- All objects ------------------------------------------------------------------------------------------------------------------ */
 
-/* Orients the surface as pell_scene_complete does with single objects: where two closed ones share edges, the parts of their union cannot
- * be told apart. Of open ones only their union has an outside. */
-static enum pell_result orient(const struct search *s, const uint32_t *meshes, size_t count, struct pell_topology *t)
-{
-    enum pell_result (*const reorient[])(struct pell_scene *, const struct pell_topology *, const char *,
-                                         bool *) = { pell_make_winding_consistent, pell_orient_outward };
-    enum pell_result res = PELL_OK;
-
-    for (size_t i = 0; i < PELL_COUNT(reorient) && res == PELL_OK; i++) {
-        bool flipped = false;
-        res = reorient[i](s->scene, t, s->scene->path, &flipped);
-        if (res == PELL_OK && flipped) {
-            pell_topology_finish(t);
-            res = pell_topology_make(t, s->scene, meshes, count);
-        }
-    }
-    return res;
-}
-
+/* Also orients the surface: where two closed objects share edges, the parts of their union could not be told apart. */
 static enum pell_result is_closed(const struct search *s, const uint32_t *meshes, size_t count, bool *closed)
 {
     struct pell_topology t;
@@ -180,7 +162,7 @@ static enum pell_result is_closed(const struct search *s, const uint32_t *meshes
     *closed = false;
     if (res != PELL_OK)
         return res;
-    res = orient(s, meshes, count, &t);
+    res = pell_orient(s->scene, &t, meshes, count, s->scene->path);
     if (res != PELL_OK) {
         pell_topology_finish(&t);
         return res;

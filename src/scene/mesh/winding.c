@@ -147,7 +147,7 @@ static uint32_t mark_flips(const struct pell_scene *scene, const struct pell_top
     return count;
 }
 
-enum pell_result pell_make_winding_consistent(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
+static enum pell_result make_winding_consistent(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
 {
     struct pell_context *ctx = scene->ctx;
     const size_t n = t->num_triangles;
@@ -298,7 +298,7 @@ static void add_agreement(const struct pell_scene *scene, const struct pell_topo
     }
 }
 
-enum pell_result pell_orient_outward(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
+static enum pell_result orient_outward(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
 {
     struct pell_context *ctx = scene->ctx;
     struct pell_part *parts = pell_alloc_array(ctx, t->num_parts, sizeof(*parts));
@@ -362,5 +362,23 @@ fail:
     pell_free(ctx, inverted);
     pell_free(ctx, agreement);
     pell_free(ctx, flipped);
+    return res;
+}
+
+enum pell_result pell_orient(struct pell_scene *scene, struct pell_topology *t, const uint32_t *meshes, size_t count, const char *where)
+{
+    enum pell_result (*const reorient[])(struct pell_scene *, const struct pell_topology *, const char *,
+                                         bool *) = { make_winding_consistent, orient_outward };
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; i < PELL_COUNT(reorient) && res == PELL_OK; i++) {
+        bool flipped = false;
+        res = reorient[i](scene, t, where, &flipped);
+        /* Flipping triangles swaps corners: half-edges and face normals must be recomputed. */
+        if (res == PELL_OK && flipped) {
+            pell_topology_finish(t);
+            res = pell_topology_make(t, scene, meshes, count);
+        }
+    }
     return res;
 }
