@@ -116,18 +116,16 @@ static const char *describe_subject(const char *kind, const char *name, struct p
 
 static void measure(const struct pell_topology *t, const struct pell_part *parts, struct pell_object_report *o)
 {
+    const struct pell_edge_counts edges = pell_topology_count_edges(t);
     double area = 0.0;
 
     o->triangles = t->num_triangles;
     o->degenerate_triangles = t->num_degenerate;
     o->components = (int) t->num_parts;
     o->closed = t->num_parts > 0;
-    for (uint32_t e = 0, end, edges = 0; e < t->num_halves && !pell_cancelled_at(t->ctx, edges++); e = end) {
-        end = pell_topology_edge(t, e);
-        o->boundary_edges += end - e == 1;
-        o->nonmanifold_edges += end - e > 2;
-        o->flipped_edges += end - e == 2 && pell_half_start(t, t->half[e]) == pell_half_start(t, t->half[e + 1]);
-    }
+    o->boundary_edges = edges.boundary;
+    o->nonmanifold_edges = edges.nonmanifold;
+    o->flipped_edges = edges.flipped;
     for (uint32_t i = 0; i < t->num_parts; i++) {
         o->closed &= parts[i].closed;
         o->volume_mm3 += parts[i].volume;

@@ -11,6 +11,7 @@
 #define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay well within a float's range */
 #define SMALLEST_PICTURE 1e-6f   /* mm, extent of an orthographic view: a nanometre */
 #define SMALLEST_EXTENT 5e-4f    /* mm, extent of a scene: half a micrometre */
+#define LARGEST_THICKNESS 1e5f   /* mm */
 #define COARSEST 1e-3f           /* of the scene's extent: the largest spacing of floats that still represents the shape */
 #define NO_LENGTH 1e-30f         /* shorter vectors have no direction: their inverse length would overflow */
 
@@ -95,6 +96,9 @@ static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
     if (m->material < 0 || (size_t) m->material >= scene->num_materials)
         return pell_error(scene->ctx, PELL_ERR_INVALID, where.str, NULL, "material %d does not exist; there are %zu", m->material,
                           scene->num_materials);
+    if (!(m->thicken >= 0.0f && m->thicken <= LARGEST_THICKNESS))
+        return pell_error(scene->ctx, PELL_ERR_INVALID, where.str, NULL, "thicken is %g mm, must be in [0, %g]", (double) m->thicken,
+                          (double) LARGEST_THICKNESS);
     for (size_t i = 0; i < 3 * (size_t) m->num_triangles && !pell_cancelled_at(scene->ctx, i); i++)
         if (m->index[i] >= m->num_vertices)
             return pell_error(scene->ctx, PELL_ERR_FORMAT, where.str, NULL, "triangle %zu refers to vertex %u; there are %u", i / 3,
@@ -391,19 +395,16 @@ static enum pell_result make_topology(struct pell_scene *scene, const uint32_t *
 /* Sets pell_mesh.overlaps. Of many parts some are assumed to touch; parts that share edges are one part. */
 static enum pell_result find_overlaps(struct pell_scene *scene, const struct pell_topology *t)
 {
-    struct pell_part *parts;
-    bool overlaps = t->num_parts > PARTS_TRIED;
+    bool overlaps = t->num_parts > PARTS_TRIED || pell_topology_count_edges(t).nonmanifold > 0;
+    struct pell_part *parts = NULL;
 
-    for (uint32_t i = 0, end; i < t->num_halves && !overlaps; i = end) {
-        end = pell_topology_edge(t, i);
-        overlaps = end - i > 2;
-    }
-    parts = pell_alloc_array(scene->ctx, t->num_parts, sizeof(*parts));
-    if (!parts)
-        return PELL_ERR_NOMEM;
-    if (!overlaps)
+    if (!overlaps && t->num_parts > 1) {
+        parts = pell_alloc_array(scene->ctx, t->num_parts, sizeof(*parts));
+        if (!parts)
+            return PELL_ERR_NOMEM;
         pell_topology_parts(t, scene, parts);
-    for (uint32_t i = 0; i < t->num_parts && !overlaps; i++)
+    }
+    for (uint32_t i = 0; parts && i < t->num_parts && !overlaps; i++)
         for (uint32_t k = 0; k < i && !overlaps; k++) {
             overlaps = parts[i].closed && parts[k].closed;
             for (int c = 0; c < 3; c++) {
@@ -420,15 +421,19 @@ static enum pell_result find_overlaps(struct pell_scene *scene, const struct pel
 /* Gives an open object the thickness that is wanted. */
 static enum pell_result thicken(struct pell_scene *scene, const uint32_t *meshes, size_t count, const char *where, struct pell_topology *t)
 {
+    struct pell_edge_counts edges;
     float wanted = 0.0f;
     enum pell_result res;
 
     for (size_t m = 0; m < count; m++)
         if (!scene->materials[scene->meshes[meshes[m]].material].opaque)
             wanted = fmaxf(wanted, scene->meshes[meshes[m]].thicken);
-    if (!(wanted > 0.0f) || !pell_is_open(t))
+    if (!(wanted > 0.0f))
         return PELL_OK;
-    if (pell_is_one_sided(t)) {
+    edges = pell_topology_count_edges(t);
+    if (edges.boundary == 0)
+        return PELL_OK;
+    if (edges.flipped > 0) {
         pell_warn(scene->ctx, where, NULL, "has one side only, as a Moebius strip: no thickness is given to it");
         return PELL_OK;
     }
@@ -479,10 +484,7 @@ static enum pell_result complete_objects(struct pell_scene *scene, bool quiet)
         goto fail;
     pell_scene_assemblies(scene, order, scratch);
     for (size_t i = 0, end; i < scene->num_meshes; i = end) {
-        for (end = i + 1;
-             end < scene->num_meshes && pell_mesh_assembly(&scene->meshes[order[end]]) == pell_mesh_assembly(&scene->meshes[order[i]]);
-             end++)
-            ;
+        end = pell_assembly_end(scene, order, i);
         PELL_TRY(complete_object(scene, order + i, end - i, quiet));
     }
     res = PELL_OK;
@@ -612,6 +614,7 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
 {
     static const struct pell_load_params no_params;
     static const struct pell_extras no_extras = { .ground_material = -1 };
+    bool thick = false; /* bounds are those of surfaces with their thickness */
     enum pell_result res;
 
     if (!params)
@@ -633,7 +636,9 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
     PELL_TRY(check_size(scene));
     PELL_TRY(pell_join_touching(scene, params->bare));
     PELL_TRY(complete_objects(scene, params->bare));
-    if (!pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) { /* surfaces may have got a thickness */
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        thick |= scene->meshes[i].thicken > 0.0f;
+    if (thick && !pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) {
         res = PELL_ERR_CANCELLED;
         goto fail;
     }

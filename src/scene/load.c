@@ -7,8 +7,6 @@
 
 #define LYING 1.2f /* ratio of depth to height and to width above which an object seems to lie on its back */
 
-#define THICKEN_MOST 1e5 /* mm */
-
 static enum pell_result apply_material(struct pell_scene *scene, const struct pell_material_entry *entry)
 {
     enum pell_result res;
@@ -107,9 +105,6 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
     PELL_TRY(pell_surroundings_read(loader->ctx, params, &extras.surroundings));
     if (!(fabs(params->time) <= 1e9))
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);
-    if (!(params->thicken_mm >= 0.0 && params->thicken_mm <= THICKEN_MOST))
-        return pell_error(loader->ctx, PELL_ERR_INVALID, "--thicken", NULL, "is %g mm, must be in [0, %g]", params->thicken_mm,
-                          THICKEN_MOST);
     if (!(params->mm_per_unit >= 0.0) || !(params->size_mm >= 0.0) || !isfinite(params->mm_per_unit) || !isfinite(params->size_mm))
         return pell_error(loader->ctx, PELL_ERR_INVALID, scale.where, NULL, "must be finite and not negative");
     mesh = !loader->is_scene_file && pell_scene_detect_format(path, data, size) != PELL_SCENE_SCENE;
@@ -125,7 +120,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
         if (extras.view.z_up)
             PELL_TRY(rotate_z_up(scene));
     }
-    for (size_t i = 0; i < scene->num_meshes && params->thicken_mm > 0.0; i++)
+    for (size_t i = 0; i < scene->num_meshes && params->thicken_mm != 0.0; i++)
         scene->meshes[i].thicken = (float) params->thicken_mm;
     PELL_TRY(check_animated(scene, params));
     scene->from_file = true;

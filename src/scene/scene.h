@@ -86,10 +86,10 @@ struct pell_extras {
 
 /* --- load.c, mesh_file.c ------------------------------------------------------------------------------------------------------ */
 
-/* The source of bytes, and the files that may be referenced. `read` NULL: files. */
 /* Where the normals of mesh files are from: the option --normals. */
 enum pell_normals { PELL_NORMALS_FILE, PELL_NORMALS_SMOOTH, PELL_NORMALS_FLAT };
 
+/* The source of bytes, and the files that may be referenced. `read` NULL: files. */
 struct pell_loader {
     struct pell_context *ctx;
     const struct pell_load_params *params;

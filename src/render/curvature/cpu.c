@@ -277,9 +277,7 @@ static enum pell_result make_objects(struct pell_curvature *k, struct pell_pool 
         goto fail;
     pell_scene_assemblies(k->scene, order, order + count);
     for (size_t i = 0, end; i < count; i = end) {
-        for (end = i + 1;
-             end < count && pell_mesh_assembly(&k->scene->meshes[order[end]]) == pell_mesh_assembly(&k->scene->meshes[order[i]]); end++)
-            ;
+        end = pell_assembly_end(k->scene, order, i);
         PELL_TRY(make_object(k, pool, rays, order + i, end - i));
     }
     res = PELL_OK;

@@ -121,10 +121,7 @@ static enum pell_result add_objects(struct part_search *a)
         return PELL_ERR_NOMEM;
     pell_scene_assemblies(scene, order, order + scene->num_meshes);
     for (size_t i = 0, end; i < scene->num_meshes && res == PELL_OK; i = end) {
-        for (end = i + 1;
-             end < scene->num_meshes && pell_mesh_assembly(&scene->meshes[order[end]]) == pell_mesh_assembly(&scene->meshes[order[i]]);
-             end++)
-            ;
+        end = pell_assembly_end(scene, order, i);
         res = add_object(a, order + i, end - i);
     }
     pell_free(a->in->ctx, order);

@@ -7,29 +7,16 @@
 
 #include <string.h>
 
-static bool is_border(const struct pell_topology *t, uint32_t first, uint32_t end)
+/* Per half-edge: whether its edge has no other triangle. */
+static bool *find_border(const struct pell_topology *t)
 {
-    return end - first == 1 && t->part[t->half[first] / 3] != UINT32_MAX;
-}
+    bool *border = pell_calloc(t->ctx, t->num_triangles, 3 * sizeof(*border));
 
-bool pell_is_one_sided(const struct pell_topology *t)
-{
-    for (uint32_t e = 0, end, edges = 0; e < t->num_halves && !pell_cancelled_at(t->ctx, edges++); e = end) {
+    for (uint32_t e = 0, end, edges = 0; border && e < t->num_halves && !pell_cancelled_at(t->ctx, edges++); e = end) {
         end = pell_topology_edge(t, e);
-        if (end - e == 2 && pell_half_start(t, t->half[e]) == pell_half_start(t, t->half[e + 1]))
-            return true;
+        border[t->half[e]] = end - e == 1;
     }
-    return false;
-}
-
-bool pell_is_open(const struct pell_topology *t)
-{
-    for (uint32_t e = 0, end, edges = 0; e < t->num_halves && !pell_cancelled_at(t->ctx, edges++); e = end) {
-        end = pell_topology_edge(t, e);
-        if (is_border(t, e, end))
-            return true;
-    }
-    return false;
+    return border;
 }
 
 /* Per position: the unit normal, weighted by the areas of its triangles. */
@@ -47,20 +34,12 @@ static float *normals_of_positions(const struct pell_topology *t)
     return sum;
 }
 
-/* Lists the border's half-edges in mesh m, numbered inside the mesh. Returns their number; `out` may be NULL. */
-static uint32_t list_border(const struct pell_topology *t, size_t m, uint32_t *out)
+static uint32_t count_border(const bool *border, uint32_t triangles)
 {
     uint32_t count = 0;
 
-    for (uint32_t e = 0, end; e < t->num_halves; e = end) {
-        const uint32_t triangle = t->half[e] / 3;
-        end = pell_topology_edge(t, e);
-        if (!is_border(t, e, end) || triangle < t->first_triangle[m] || triangle >= t->first_triangle[m + 1])
-            continue;
-        if (out)
-            out[count] = t->half[e] - 3 * t->first_triangle[m];
-        count++;
-    }
+    for (size_t h = 0; h < 3 * (size_t) triangles; h++)
+        count += border[h];
     return count;
 }
 
@@ -91,15 +70,17 @@ static void write_shell(struct pell_mesh *mesh, uint32_t num_border, uint32_t co
     }
 }
 
-static enum pell_result thicken_mesh(struct pell_scene *scene, const struct pell_topology *t, size_t m, const float *normal)
+/* `border`: per half-edge of the mesh. */
+static enum pell_result thicken_mesh(struct pell_scene *scene, const struct pell_topology *t, size_t m, const float *normal,
+                                     const bool *border)
 {
     struct pell_context *ctx = scene->ctx;
     struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-    const uint32_t count = mesh->num_vertices, triangles = mesh->num_triangles, num_border = list_border(t, m, NULL);
+    const uint32_t count = mesh->num_vertices, triangles = mesh->num_triangles, num_border = count_border(border, triangles);
     const uint64_t more = (uint64_t) count + 4 * (uint64_t) num_border, all = 2 * ((uint64_t) triangles + num_border);
     const int64_t most = pell_context_limits(ctx)->triangles;
     const float thickness = mesh->thicken;
-    uint32_t *from, *border, *index;
+    uint32_t *from, *index, at;
     bool has_normals = false;
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -107,16 +88,18 @@ static enum pell_result thicken_mesh(struct pell_scene *scene, const struct pell
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, mesh->name, PELL_RAISE_LIMIT("triangles"),
                           "has %llu triangles with a thickness; %lld are allowed", (unsigned long long) all, (long long) most);
     from = pell_alloc_array(ctx, (size_t) more, sizeof(*from));
-    border = pell_alloc_array(ctx, num_border, sizeof(*border));
     index = pell_alloc_array(ctx, (size_t) all, 3 * sizeof(*index));
-    if (!from || !border || !index)
+    if (!from || !index)
         goto fail;
-    list_border(t, m, border);
     for (uint32_t i = 0; i < count; i++)
         from[i] = i;
-    for (uint32_t b = 0; b < num_border; b++) {
-        from[count + 4 * b] = from[count + 4 * b + 2] = mesh->index[border[b]];
-        from[count + 4 * b + 1] = from[count + 4 * b + 3] = mesh->index[pell_half_next(border[b])];
+    at = count;
+    for (uint32_t h = 0; h < 3 * triangles; h++) {
+        if (!border[h])
+            continue;
+        from[at] = from[at + 2] = mesh->index[h];
+        from[at + 1] = from[at + 3] = mesh->index[pell_half_next(h)];
+        at += 4;
     }
     PELL_TRY(pell_mesh_duplicate(scene, t->mesh[m], from, (uint32_t) more));
     mesh = &scene->meshes[t->mesh[m]];
@@ -141,7 +124,6 @@ static enum pell_result thicken_mesh(struct pell_scene *scene, const struct pell
 
 fail:
     pell_free(ctx, index);
-    pell_free(ctx, border);
     pell_free(ctx, from);
     return res;
 }
@@ -149,11 +131,13 @@ fail:
 enum pell_result pell_thicken(struct pell_scene *scene, const struct pell_topology *t)
 {
     float *normal = normals_of_positions(t);
-    enum pell_result res = normal ? PELL_OK : PELL_ERR_NOMEM;
+    bool *border = find_border(t);
+    enum pell_result res = normal && border ? PELL_OK : PELL_ERR_NOMEM;
 
     for (size_t m = 0; m < t->num_meshes && res == PELL_OK; m++)
         if (scene->meshes[t->mesh[m]].thicken > 0.0f && scene->meshes[t->mesh[m]].num_triangles > 0)
-            res = thicken_mesh(scene, t, m, normal);
+            res = thicken_mesh(scene, t, m, normal, border + 3 * (size_t) t->first_triangle[m]);
+    pell_free(scene->ctx, border);
     pell_free(scene->ctx, normal);
     return res == PELL_OK && pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED : res;
 }

@@ -383,6 +383,16 @@ void pell_topology_finish(struct pell_topology *t)
     memset(t, 0, sizeof(*t));
 }
 
+/* Whether the half-edges from `first` to `end`, those of an edge, are as many in both directions. */
+static bool is_balanced(const struct pell_topology *t, uint32_t first, uint32_t end)
+{
+    int64_t balance = 0;
+
+    for (uint32_t i = first; i < end; i++)
+        balance += pell_half_start(t, t->half[i]) < pell_half_end(t, t->half[i]) ? 1 : -1;
+    return balance == 0;
+}
+
 void pell_topology_parts(const struct pell_topology *t, const struct pell_scene *scene, struct pell_part *parts)
 {
     for (uint32_t i = 0; i < t->num_parts; i++) {
@@ -423,13 +433,24 @@ void pell_topology_parts(const struct pell_topology *t, const struct pell_scene 
         }
     }
     for (uint32_t e = 0, end, edges = 0; e < t->num_halves && !pell_cancelled_at(t->ctx, edges++); e = end) {
-        int64_t balance = 0;
         end = pell_topology_edge(t, e);
-        for (uint32_t i = e; i < end; i++)
-            balance += pell_half_start(t, t->half[i]) < pell_half_end(t, t->half[i]) ? 1 : -1;
-        if (balance != 0)
+        if (!is_balanced(t, e, end))
             parts[t->part[t->half[e] / 3]].closed = false;
     }
+}
+
+struct pell_edge_counts pell_topology_count_edges(const struct pell_topology *t)
+{
+    struct pell_edge_counts n = { 0 };
+
+    for (uint32_t e = 0, end, edges = 0; e < t->num_halves && !pell_cancelled_at(t->ctx, edges++); e = end) {
+        end = pell_topology_edge(t, e);
+        n.boundary += end - e == 1;
+        n.nonmanifold += end - e > 2;
+        n.flipped += end - e == 2 && pell_half_start(t, t->half[e]) == pell_half_start(t, t->half[e + 1]);
+        n.unbalanced += !is_balanced(t, e, end);
+    }
+    return n;
 }
 
 static int object_of(const struct pell_mesh *mesh)
@@ -464,4 +485,13 @@ void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_
 void pell_scene_assemblies(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch)
 {
     sort_meshes(scene, pell_mesh_assembly, order, scratch);
+}
+
+size_t pell_assembly_end(const struct pell_scene *scene, const uint32_t *order, size_t first)
+{
+    size_t end = first + 1;
+
+    while (end < scene->num_meshes && pell_mesh_assembly(&scene->meshes[order[end]]) == pell_mesh_assembly(&scene->meshes[order[first]]))
+        end++;
+    return end;
 }

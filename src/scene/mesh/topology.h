@@ -50,6 +50,13 @@ static inline uint32_t pell_half_end(const struct pell_topology *t, uint32_t hal
 /* One past the last half-edge of the edge whose first is half[first]. */
 uint32_t pell_topology_edge(const struct pell_topology *topology, uint32_t first);
 
+/* Edges of one triangle, of more than two, and of two that face opposite ways; those that are not traversed equally often in both
+ * directions, 0 of a closed surface. Incomplete if the work was cancelled. */
+struct pell_edge_counts {
+    int64_t boundary, nonmanifold, flipped, unbalanced;
+};
+struct pell_edge_counts pell_topology_count_edges(const struct pell_topology *topology);
+
 /* Per connected part. */
 struct pell_part {
     bool closed;   /* every edge is traversed equally often in both directions */
@@ -68,10 +75,7 @@ PELL_NODISCARD enum pell_result pell_orient(struct pell_scene *scene, struct pel
  * topology is no longer valid. */
 PELL_NODISCARD enum pell_result pell_drop_repeated(struct pell_scene *scene, const struct pell_topology *topology, uint32_t *dropped);
 
-/* Open surfaces (thicken.c): whether an edge has one triangle; whether two neighbours face opposite ways, as on a Moebius strip. */
-bool pell_is_open(const struct pell_topology *topology);
-bool pell_is_one_sided(const struct pell_topology *topology);
-/* Gives the object's meshes with pell_mesh.thicken > 0 that thickness; the topology is no longer valid. */
+/* Gives the object's meshes with pell_mesh.thicken > 0 that thickness (thicken.c); the topology is no longer valid. */
 PELL_NODISCARD enum pell_result pell_thicken(struct pell_scene *scene, const struct pell_topology *topology);
 
 /* Fills `order` with 0..count-1 sorted by keys of `words` words each (most significant first), stable. Returns the array that holds the
@@ -87,6 +91,8 @@ PELL_NODISCARD enum pell_result pell_order_by_code(struct pell_context *ctx, siz
  * have num_meshes elements. */
 void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);
 void pell_scene_assemblies(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);
+/* One past the last mesh, in that order, of the assembly whose first is order[first]. */
+size_t pell_assembly_end(const struct pell_scene *scene, const uint32_t *order, size_t first);
 
 /* Union-find over ids that are their own parents at first. The lower id becomes the root: sets are numbered in the file's order. */
 uint32_t pell_union_root(uint32_t *parent, uint32_t i);

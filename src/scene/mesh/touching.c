@@ -156,26 +156,13 @@ fail:
 static enum pell_result is_closed(const struct search *s, const uint32_t *meshes, size_t count, bool *closed)
 {
     struct pell_topology t;
-    struct pell_part *parts;
     enum pell_result res = pell_topology_make(&t, s->scene, meshes, count);
 
     *closed = false;
     if (res != PELL_OK)
         return res;
     res = pell_orient(s->scene, &t, meshes, count, s->scene->path);
-    if (res != PELL_OK) {
-        pell_topology_finish(&t);
-        return res;
-    }
-    parts = pell_alloc_array(s->scene->ctx, t.num_parts, sizeof(*parts));
-    if (parts) {
-        pell_topology_parts(&t, s->scene, parts);
-        *closed = t.num_parts > 0;
-        for (uint32_t i = 0; i < t.num_parts; i++)
-            *closed &= parts[i].closed;
-    }
-    res = parts ? PELL_OK : PELL_ERR_NOMEM;
-    pell_free(s->scene->ctx, parts);
+    *closed = res == PELL_OK && t.num_parts > 0 && pell_topology_count_edges(&t).unbalanced == 0;
     pell_topology_finish(&t);
     return res;
 }
