@@ -59,7 +59,7 @@ test-mpi: ## pellucid-mpi under mpirun: the same bits on any number of ranks, ki
 
 fuzz-short: ## each fuzz target for some seconds (FUZZ_SECONDS=60 in all)
 	@scripts/setup.sh --ci
-	@CC=clang TARGETS=fuzzers scripts/build.sh build-fuzz --buildtype=debugoptimized -Db_sanitize=address,undefined $(watched) \
+	@CC=clang TARGETS=fuzzers scripts/build.sh build-fuzz --buildtype=debug -Doptimization=1 -Db_sanitize=address,undefined $(watched) \
 	    -Dfuzz=true -Dtests=false '-Dc_args=-gline-tables-only -fsanitize=fuzzer-no-link'
 	@scripts/run_fuzz.py build-fuzz $(FUZZ_SECONDS)
 

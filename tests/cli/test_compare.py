@@ -399,6 +399,7 @@ def _(folder):
 
 @test('a sampled reference is two halves; what is below its noise is not resolved, and other samples of the same agree with it')
 def _(folder):
+    release_only()
     few = ['--width', '24', '--height', '18', '--msaa', '1', '--light-samples', '2', '--ambient-samples', '1', '--size', '40mm',
            '--material', 'wholemilk']
     sampled = 'path-trace:samples=8'

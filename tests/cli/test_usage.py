@@ -13,8 +13,8 @@ import subprocess
 import sys
 import termios
 
-from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite, main, names, need, one_object, png_pixels, run, sphere,
-                      test, text, works, write_obj, write_scene)
+from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite, main, names, need, one_object, png_pixels,
+                      release_only, run, sphere, test, text, works, write_obj, write_scene)
 from viewer_test import Viewer
 
 LONG = 'x' * 100000
@@ -565,8 +565,6 @@ def run_examples(folder, lines):
     for line in lines: # those of the guide's pages are run by tests/docs
         words = shlex.split(line, comments=True)
         need(words[0] == 'pellucid', line)
-        if SANITIZED and words[1] in ('compare', 'bench', 'view'):
-            continue  # which have tests of their own
         if words[1] == 'view':
             with Viewer(folder, *[w for w in words[2:] if w not in ('--port', '8000')], *SMALL) as viewer:
                 need(viewer.end() == 0, line)
@@ -581,6 +579,7 @@ def run_examples(folder, lines):
 
 @test('every example of the help runs')
 def _(folder):
+    release_only('commands that have tests of their own')
     for command in COMMANDS:
         run_examples(folder, example_lines(help_of(folder, command)))
     need({'bunny.png', 'plain.png', 'head.exr', 'scene.png', 'turn_0000.png', 'turn_0003.png'} <= set(names(folder)), names(folder))

@@ -320,7 +320,7 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
         struct pell_pass *pass;
         rough_scene(p, 5);
         pass = patch_pass(&at, on->method, form(on->method), p);
-        for (int again = 0; again < (SLOW ? 1 : 3); again++) {
+        for (int again = 0; again < (SLOW || on->engine != PELL_ENGINE_CPU ? 1 : 3); again++) {
             assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
             if (first)
                 assert_true(same_result(first, p));
@@ -548,13 +548,15 @@ static double second_moment(const struct test_device *at, const struct pell_meth
     return moment / sum;
 }
 
+/* The engines' results are equal (test_vulkan_parity.c), and a device's driver may be one for CPUs: fewer radii there. */
 static void a_larger_radius_spreads_more(void **state)
 {
     const struct party *const on = *state;
+    const double step = on->engine == PELL_ENGINE_CPU ? 1.3 : 3.0;
     struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
     double before = -1.0;
 
-    for (double v = 0.02; v < 200.0; v *= 1.3) {
+    for (double v = 0.02; v < 200.0; v *= step) {
         const double moment = second_moment(&at, on->method, v);
         REQUIRE(moment >= before);
         if (v > 1.0)

@@ -201,24 +201,25 @@ INLINE void sample(const struct is_work *w, struct shading_point *p, const struc
 {
     const float *offset = set->offset + (size_t) first_sample(w, p) * 3 * IS_BLOCK + lane;
 
-    *s = (struct sums) { .to = w->renormalise == IS_BY_COUNT ? w->first_kind : p->count->samples };
+    *s = (struct sums) { 0 };
     for (int c = 0; c < 3; c++)
         p->quarter[c] = all(set->quarter[c]);
     if (set->level && w->in->base[0]) {
         choose_levels(w, set, p);
         offset = set->offset;
     }
-    sample_range(w, p, set, offset, parallel, views, s);
-    if (w->renormalise != IS_BY_COUNT)
-        return;
-    make_up(s);
-    if (w->first_kind < p->count->samples) {
-        struct sums rest = { .from = w->first_kind, .to = p->count->samples };
-        sample_range(w, p, set, offset, parallel, views, &rest);
-        make_up(&rest);
-        for (int c = 0; c < 3; c++)
-            s->light[c] += rest.light[c];
-        s->count += rest.count;
+    for (int from = 0; from < p->count->samples;) { /* samples of one kind, or all */
+        const bool first = w->renormalise == IS_BY_COUNT && from < w->first_kind && w->first_kind < p->count->samples;
+        struct sums kind = { .from = from, .to = first ? w->first_kind : p->count->samples };
+        sample_range(w, p, set, offset, parallel, views, &kind);
+        if (w->renormalise == IS_BY_COUNT)
+            make_up(&kind);
+        for (int c = 0; c < 3; c++) {
+            s->light[c] += kind.light[c];
+            s->weight[c] += kind.weight[c];
+        }
+        s->count += kind.count;
+        from = kind.to;
     }
 }
 
