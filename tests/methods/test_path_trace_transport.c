@@ -1198,6 +1198,42 @@ static void roughness_maps_are_read(void **state)
     assert_memory_equal(light[0], light[1], sizeof(light[0]));
 }
 
+/* A point light is found by connections alone, through smooth boundaries and rough ones: a surface that has both is lit like one that is
+ * rough everywhere, and costs no more. */
+static void smooth_parts_of_a_rough_surface_are_lit(void **state)
+{
+    static const float both[2] = { 0.0f, 0.6f }, rough[2] = { 0.06f, 0.6f };
+    const float *const maps[] = { both, rough };
+    struct rig_mean r[2];
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct pt_knobs knobs = rig_knobs();
+        struct pt_scene *scene;
+        struct pt_point at;
+        struct stage s;
+        size_t m;
+
+        plain_stage(&s);
+        m = rig_medium(&s, 1.0, 0.05, 0.0, 1.4);
+        s.scene->materials[m].roughness = 1.0f;
+        stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 16);
+        s.scene->materials[m].roughness_map.texture = paint(&s, 2, 1, 1, maps[k]);
+        stage_light(&s, PELL_LIGHT_POINT, vec3(10.0f, 15.0f, 20.0f), vec3(0, 0, 0), 1.0f);
+        look_along(&s, 7.0f);
+        knobs.boundary = PT_BOUNDARY_ROUGH;
+        scene = rig_scene(&s, &knobs);
+        at = on_ball(&s, 3.0f, 0.7f, 0.3f);
+        r[k] = rig_measure(scene, &at, 0, FEWER(4000));
+        pt_scene_destroy(&scene);
+        stage_finish(&s);
+    }
+    for (int c = 0; c < 3; c++) {
+        REQUIRE_NEAR(r[0].mean[3][c], r[1].mean[3][c], SIGMAS * (r[0].error[3][c] + r[1].error[3][c]) + 0.01 * r[1].mean[3][c]);
+        REQUIRE(r[1].mean[3][c] > 0.0 && r[0].error[3][c] < 1.5 * r[1].error[3][c]);
+    }
+}
+
 /* --- Colours -------------------------------------------------------------------------------------------------------------------------- */
 
 /* Diffuse reflectance of a half-space for diffuse light that entered, of the balls' media. */
@@ -1461,6 +1497,7 @@ int main(void)
         cmocka_unit_test(surfaces_that_cross_are_counted),
         cmocka_unit_test(surfaces_that_cross_are_lit),
         cmocka_unit_test(roughness_maps_are_read),
+        cmocka_unit_test(smooth_parts_of_a_rough_surface_are_lit),
         cmocka_unit_test(a_colour_is_a_factor),
         cmocka_unit_test(colours_are_read_where_light_enters),
         cmocka_unit_test(bounds_are_counted),

@@ -106,6 +106,36 @@ static float nee_fraction(const struct pt_coefficients *m)
     return fminf(NEE_FRACTION * (1.0f - 0.7f * fmaxf(m->g[1], 0.0f)) + 0.5f * sqrtf(fmaxf(1.0f - albedo, 0.0f)), 1.0f);
 }
 
+/* A solid's boundary is smooth everywhere, or rough everywhere: connections find light through either, but where a solid had both, only
+ * walks that meet a light at random would. Its smooth parts are as rough as the least that counts as rough; a material may be in several
+ * solids. */
+static void make_boundaries_alike(struct pt_scene *s)
+{
+    bool changed = true;
+
+    while (changed) {
+        changed = false;
+        for (size_t i = 0; i < s->solids->count; i++) {
+            struct pt_solid *b = &s->solid[i];
+            const size_t triangles = s->solids->solids[i].num_triangles;
+            const bool matched = fabsf(b->medium.eta - 1.0f) < MATCHED;
+            b->smooth = b->rough = true;
+            for (size_t t = 0; t < triangles && !pell_cancelled_at(s->ctx, t); t++) {
+                const struct pt_roughness_range *f = &s->roughness_ranges[mesh_of(s, i, t)->material];
+                b->smooth = b->smooth && (matched || f->high < SMOOTH_ROUGHNESS);
+                b->rough = b->rough && !matched && f->low >= SMOOTH_ROUGHNESS;
+            }
+            for (size_t t = 0; t < triangles && !b->smooth && !b->rough && !pell_cancelled_at(s->ctx, t); t++) {
+                struct pt_roughness_range *f = &s->roughness_ranges[mesh_of(s, i, t)->material];
+                changed = changed || f->low < SMOOTH_ROUGHNESS;
+                f->low = fmaxf(f->low, SMOOTH_ROUGHNESS);
+                f->high = fmaxf(f->high, SMOOTH_ROUGHNESS);
+            }
+        }
+        changed = changed && !pell_cancelled(s->ctx);
+    }
+}
+
 static enum pell_result make_solids(struct pt_scene *s)
 {
     struct pell_vec3 lo = vec3(INFINITY, INFINITY, INFINITY), hi = vec3(-INFINITY, -INFINITY, -INFINITY);
@@ -120,13 +150,6 @@ static enum pell_result make_solids(struct pt_scene *s)
         if ((res = pt_medium_make(s->ctx, s->scene, m, &b->medium)) != PELL_OK)
             return res;
         b->fraction = nee_fraction(&b->medium.layer[b->medium.layers - 1]);
-        b->smooth = b->rough = true;
-        for (size_t t = 0; t < from->num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
-            const struct pt_roughness_range *f = &s->roughness_ranges[mesh_of(s, i, t)->material];
-            const bool matched = fabsf(b->medium.eta - 1.0f) < MATCHED;
-            b->smooth = b->smooth && (matched || f->high < SMOOTH_ROUGHNESS);
-            b->rough = b->rough && !matched && f->low >= SMOOTH_ROUGHNESS;
-        }
         bound(s, i);
         lo = vec3(fminf(lo.x, b->lo.x), fminf(lo.y, b->lo.y), fminf(lo.z, b->lo.z));
         hi = vec3(fmaxf(hi.x, b->hi.x), fmaxf(hi.y, b->hi.y), fmaxf(hi.z, b->hi.z));
@@ -447,6 +470,7 @@ enum pell_result pt_scene_create(const struct pell_services *services, const str
         goto fail;
     set_roughness_ranges(s);
     PELL_TRY(make_solids(s));
+    make_boundaries_alike(s);
     pt_set_tints(s);
     PELL_TRY(make_boundaries(s));
     PELL_TRY(inspect(s));
