@@ -280,6 +280,7 @@ struct pell_object_report {
     double volume_mm3, area_mm2;
     double thickness_mm; /* 2 * volume / area scaled: a mean thickness; 0 if open */
     bool holds_camera;   /* closed, and the first camera is inside it */
+    int holds_light;     /* index of the first light that is inside it, where it is closed and translucent; -1: none */
     bool faceted;        /* its normals are per face, though most of its triangles meet at less than 60 degrees */
     int coincident;      /* index of an earlier object with exactly the same surface; -1: none */
 };

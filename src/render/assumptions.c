@@ -38,7 +38,7 @@ static double pixels_per_mm(const struct pell_scene *scene, const struct pell_se
     return v.orthographic ? v.focal_px : depth > 0.0f ? v.focal_px / depth : 0.0;
 }
 
-enum { OPEN, INVERTED, THIN, UNSEEN, FLAT, COINCIDENT, HOLDS_CAMERA, BARE, HOLLOW, KINDS };
+enum { OPEN, INVERTED, THIN, UNSEEN, FLAT, COINCIDENT, HOLDS_CAMERA, HOLDS_LIGHT, BARE, HOLLOW, KINDS };
 
 /* Counts a warning; true if it is within the limit of logged ones. */
 static bool may_report(struct pell_context *ctx, int *found)
@@ -69,6 +69,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
                                               "objects without an area",
                                               "objects that coincide",
                                               "objects around the camera",
+                                              "objects around lights",
                                               "meshes without texture coordinates",
                                               "objects that enclose no volume" };
     const int limit = pell_context_limits(ctx)->warnings;
@@ -105,6 +106,9 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         if (o->holds_camera && may_report(ctx, &found[HOLDS_CAMERA]))
             pell_warn(ctx, name, "move the camera, or check its unit against the mesh's",
                       "the camera is inside the object; methods render objects only from outside");
+        if (o->holds_light >= 0 && may_report(ctx, &found[HOLDS_LIGHT]))
+            pell_warn(ctx, name, "put it into a cavity of the mesh, or outside",
+                      "light %d of the scene is inside the object: light that begins inside a medium is not rendered", o->holds_light + 1);
         if (!o->closed && !o->joined && may_report(ctx, &found[OPEN]))
             pell_warn(ctx, name, "close it, or give it a thickness: --thicken 1mm",
                       "the surface is open (%lld boundary edges): a translucent object needs a closed surface",

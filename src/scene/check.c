@@ -16,6 +16,7 @@ enum kind {
     FACETED,
     COINCIDENT,
     CAMERA,
+    LIGHT,
     NO_UV,
     THIN,
     SIZE,
@@ -58,6 +59,7 @@ static const char *const kinds[KINDS] = {
     [FACETED] = "objects with the normals of flat triangles",
     [COINCIDENT] = "objects that lie where another does",
     [CAMERA] = "objects that hold the camera",
+    [LIGHT] = "objects that hold a light",
     [NO_UV] = "meshes without the texture coordinates that their materials need",
     [THIN] = "objects that are thinner than light goes between two scattering events",
     [NO_SCATTERING] = "materials that only absorb",
@@ -199,6 +201,10 @@ static enum pell_result report_object(struct check *k, const struct pell_topolog
             add(k, FACETED, PELL_SEVERITY_NOTE, where, "has the normals of its flat triangles, which show: --normals smooth rounds it"));
     if (o->holds_camera)
         PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));
+    if (o->holds_light >= 0)
+        PELL_TRY(add(k, LIGHT, PELL_SEVERITY_WARNING, where,
+                     "holds light %d of the scene: light that begins inside a medium is not rendered; put it into a cavity of the mesh",
+                     o->holds_light + 1));
     if (mfp > size && !o->joined && !pell_object_is_hollow(o))
         PELL_TRY(
             add(k, THIN, PELL_SEVERITY_WARNING, where,
@@ -211,19 +217,34 @@ fail:
     return res;
 }
 
-/* Whether the first camera is inside: a closed surface subtends a full sphere from a point inside and nothing from outside. */
-static bool encloses_camera(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts)
+/* Whether a point is inside: a closed surface subtends a full sphere from a point inside and nothing from outside. */
+static bool encloses(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts, const float at[3])
 {
-    const float *at = scene->num_cameras > 0 ? scene->cameras[0].position : NULL;
     bool within = false;
     double sum = 0.0;
 
-    for (uint32_t i = 0; at && i < t->num_parts; i++)
+    for (uint32_t i = 0; i < t->num_parts; i++)
         within |= at[0] > parts[i].min[0] && at[0] < parts[i].max[0] && at[1] > parts[i].min[1] && at[1] < parts[i].max[1] &&
                   at[2] > parts[i].min[2] && at[2] < parts[i].max[2];
     for (size_t m = 0; within && m < t->num_meshes; m++)
         sum += pell_mesh_solid_angle(scene->ctx, &scene->meshes[t->mesh[m]], at);
     return fabs(sum) > 2.0 * PELL_PI;
+}
+
+/* The first light that has a place inside a closed translucent object, -1 if there is none. */
+static int light_inside(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts)
+{
+    enum { LIGHTS_MOST = 256 }; /* each takes all triangles where it is within the bounds */
+    const size_t count = scene->num_lights < LIGHTS_MOST ? scene->num_lights : LIGHTS_MOST;
+
+    if (scene->materials[scene->meshes[t->mesh[0]].material].opaque)
+        return -1;
+    for (size_t i = 0; i < count && !pell_cancelled(scene->ctx); i++) {
+        const struct pell_light *l = &scene->lights[i];
+        if (l->type != PELL_LIGHT_DIRECTIONAL && l->type != PELL_LIGHT_ENVIRONMENT && encloses(scene, t, parts, l->position))
+            return (int) i;
+    }
+    return -1;
 }
 
 static void measure_signature(const struct pell_scene *scene, struct signature *l)
@@ -338,7 +359,7 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
     if (pell_cancelled(k->ctx))
         return PELL_ERR_CANCELLED;
     PELL_TRY(pell_topology_make(&t, k->scene, meshes, count));
-    *o = (struct pell_object_report) { .coincident = -1 };
+    *o = (struct pell_object_report) { .coincident = -1, .holds_light = -1 };
     o->name = pell_strdup(k->ctx, k->scene->meshes[meshes[0]].name);
     parts = pell_alloc_array(k->ctx, t.num_parts, sizeof(*parts));
     res = PELL_ERR_NOMEM;
@@ -351,7 +372,8 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
         pell_topology_parts(&t, k->scene, parts);
         measure(&t, parts, o);
         o->faceted = pell_is_faceted(k->scene, &t);
-        o->holds_camera = o->closed && encloses_camera(k->scene, &t, parts);
+        o->holds_camera = o->closed && k->scene->num_cameras > 0 && encloses(k->scene, &t, parts, k->scene->cameras[0].position);
+        o->holds_light = o->closed ? light_inside(k->scene, &t, parts) : -1;
         k->report->triangles += o->triangles;
         res = pell_cancelled(k->ctx) ? PELL_ERR_CANCELLED : report_object(k, &t, o);
     } else {

@@ -49,7 +49,8 @@ static void report(const struct pell_scene *scene)
               pell_counted(triangles, "triangle", "triangles").str, (double) (max[0] - min[0]), (double) (max[1] - min[1]),
               (double) (max[2] - min[2]), scene->mm_per_unit);
     if (!translucent)
-        pell_warn(scene->ctx, scene->path, "--material NAME makes it so; `pellucid materials` lists what there is",
+        pell_warn(scene->ctx, scene->path,
+                  "--material NAME, or \"materials\" of a scene file, makes it so; `pellucid materials` lists what there is",
                   "no material is translucent, so nothing scatters below a surface");
 }
 

@@ -160,6 +160,35 @@ static void a_camera_inside_an_object_is_found(void **state)
     }
 }
 
+/* The same places: light that begins in a medium is not rendered. An opaque box may be a room. */
+static void a_light_inside_a_translucent_object_is_found(void **state)
+{
+    static const struct {
+        float at[3];
+        bool opaque, found;
+    } cases[] = { { { 10, 10, 10 }, false, true }, { { 10, 10, 10 }, true, false }, { { 10, 10, 20.01f }, false, false } };
+    const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        struct checked c = check("cube.obj", CUBE, &params, NULL);
+        size_t light;
+        assert_int_equal(c.report.objects[0].holds_light, -1);
+        pell_scene_report_finish(c.ctx, &c.report);
+        assert_int_equal(pell_scene_add_light(c.scene, "sun", &light), PELL_OK);
+        c.scene->lights[light].type = PELL_LIGHT_DIRECTIONAL;
+        assert_int_equal(pell_scene_add_light(c.scene, "bulb", &light), PELL_OK);
+        c.scene->lights[light].type = PELL_LIGHT_POINT;
+        memcpy(c.scene->lights[light].position, cases[i].at, sizeof(cases[i].at));
+        c.scene->materials[c.scene->meshes[0].material].opaque = cases[i].opaque;
+        assert_int_equal(pell_scene_check(c.scene, &c.report), PELL_OK);
+        assert_int_equal(c.report.objects[0].holds_light, cases[i].found ? (int) light : -1);
+        if (cases[i].found)
+            assert_int_equal(find(&c, "light that begins inside a medium is not rendered")->severity, PELL_SEVERITY_WARNING);
+        finish(&c);
+    }
+}
+
 static void fins_flips_and_flat_triangles_are_found(void **state)
 {
     const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
@@ -350,6 +379,7 @@ int main(void)
         cmocka_unit_test(an_object_that_is_there_twice_is_found),
         cmocka_unit_test(two_objects_that_cross_are_no_copies),
         cmocka_unit_test(a_camera_inside_an_object_is_found),
+        cmocka_unit_test(a_light_inside_a_translucent_object_is_found),
         cmocka_unit_test(fins_flips_and_flat_triangles_are_found),
         cmocka_unit_test(objects_are_judged_one_by_one),
         cmocka_unit_test(two_meshes_of_one_object_close_each_other),

@@ -475,7 +475,8 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
           "\"strength\":\"baseColor.a\"}}}",
           PELL_OK },
         { "sheet.json",
-          "{\"pellucid\":1,\"mesh\":\"c.obj\",\"size\":\"1cm\",\"materials\":{\"*\":{\"opaque\":true,\"textures\":{\"baseColor\":\"p.png\","
+          "{\"pellucid\":1,\"mesh\":\"c.obj\",\"size\":\"1cm\",\"materials\":{\"*\":{\"opaque\":true,\"alpha_cutoff\":0.25,\"textures\":{"
+          "\"baseColor\":\"p.png\","
           "\"diffuseTransmission\":\"p.png#a\"},\"diffuse_transmission\":0.25}}}",
           PELL_OK },
         { "mask.json", "{\"pellucid\":1,\"mesh\":\"c.obj\",\"size\":\"1cm\",\"materials\":{\"*\":{\"strength\":\"p.png#b\"}}}", PELL_OK },
@@ -517,6 +518,7 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
             assert_int_equal(m->strength_map.channel, 3);
             assert_int_equal(m->roughness_map.channel, 1);
             REQUIRE(m->roughness_map.texture && m->roughness_map.texture != m->base_color_map.texture);
+            assert_false(m->alpha_mask);
             assert_null(m->normal_map.texture); /* broken: skipped, with a warning */
             assert_int_equal(s->num_textures, 2);
             REQUIRE(s->lights[0].image && s->lights[1].image && s->background == PELL_BACKGROUND_IMAGE);
@@ -524,6 +526,7 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
         } else if (i == 1) {
             const struct pell_material *m = &s->materials[0];
             REQUIRE(m->opaque && m->diffuse_transmission == 0.25f && m->diffuse_transmission_map.channel == 3);
+            REQUIRE(m->alpha_mask && m->alpha_cutoff == 0.25f);
             /* the colour of the surface */
             assert_ptr_equal(m->diffuse_transmission_color_map.texture, m->base_color_map.texture);
         } else if (i == 2) {

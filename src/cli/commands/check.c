@@ -96,12 +96,12 @@ static json_t *material_json(const struct pell_material *m)
 
 static json_t *object_json(const struct pell_object_report *o)
 {
-    return json_pack("{s:o,s:I,s:b,s:b,s:b,s:i,s:I,s:I,s:I,s:I,s:f,s:f,s:f,s:b,s:i}", "name", cli_text(o->name), "triangles",
+    return json_pack("{s:o,s:I,s:b,s:b,s:b,s:i,s:I,s:I,s:I,s:I,s:f,s:f,s:f,s:b,s:i,s:i}", "name", cli_text(o->name), "triangles",
                      (json_int_t) o->triangles, "closed", (int) o->closed, "outward", (int) o->outward, "faceted", (int) o->faceted,
                      "components", o->components, "boundary_edges", (json_int_t) o->boundary_edges, "nonmanifold_edges",
                      (json_int_t) o->nonmanifold_edges, "flipped_edges", (json_int_t) o->flipped_edges, "degenerate_triangles",
                      (json_int_t) o->degenerate_triangles, "volume_mm3", o->volume_mm3, "area_mm2", o->area_mm2, "thickness_mm",
-                     o->thickness_mm, "holds_camera", (int) o->holds_camera, "coincident", o->coincident);
+                     o->thickness_mm, "holds_camera", (int) o->holds_camera, "holds_light", o->holds_light, "coincident", o->coincident);
 }
 
 static json_t *problem_json(const struct pell_problem *p)

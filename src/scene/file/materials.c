@@ -26,6 +26,7 @@ const char *const pell_material_keys[PELL_MATERIAL_KEYS] = {
     "color_from",
     "textures",
     "normal_scale",
+    "alpha_cutoff",
     "mix",
     "strength",
     "roughness",
@@ -464,6 +465,8 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     PELL_TRY(pell_json_float(at, "mix", 0.0, 1.0, &m->mix));
     PELL_TRY(pell_json_float(at, "roughness", 0.0, 1.0, &m->roughness));
     PELL_TRY(pell_json_float(at, "normal_scale", -100.0, 100.0, &m->normal_scale));
+    PELL_TRY(pell_json_float(at, "alpha_cutoff", 0.0, 1.0, &m->alpha_cutoff));
+    m->alpha_mask = m->alpha_mask || pell_json_has(at, "alpha_cutoff");
     PELL_TRY(read_specular(at, m));
     PELL_TRY(read_sheet(at, m));
     return PELL_OK;

@@ -87,7 +87,7 @@ bool pell_scene_own_map(const struct pell_material *m, const char *text, struct 
 
 /* --- file/materials.c --------------------------------------------------------------------------------------------------------- */
 
-enum { PELL_MATERIAL_KEYS = 27, PELL_SPECULAR_KEYS = 3, PELL_SKIN_KEYS = 6 };
+enum { PELL_MATERIAL_KEYS = 28, PELL_SPECULAR_KEYS = 3, PELL_SKIN_KEYS = 6 };
 extern const char *const pell_skin_keys[PELL_SKIN_KEYS]; /* material_file.c */
 extern const char *const pell_material_keys[PELL_MATERIAL_KEYS];
 extern const char *const pell_specular_keys[PELL_SPECULAR_KEYS];
