@@ -27,6 +27,31 @@ static double between(const double y[PELL_TABLE_R], double x)
     return (2.0 * s3 - 3.0 * s2 + 1.0) * y[i] + (s3 - 2.0 * s2 + s) * low + (3.0 * s2 - 2.0 * s3) * y[i + 1] + (s3 - s2) * high;
 }
 
+/* Multiple scattering at an index beyond the table's, from that at its last one: its total is scaled as the exact total of a half-space
+ * changes, its shape as the dipole's, which light that is reflected inside more often makes wider. */
+struct beyond {
+    struct pell_dipole there, edge;
+    double factor; /* of multiple scattering at all radii */
+};
+
+static bool reach_beyond(const struct pell_medium *medium, int channel, double eta, double edge, double albedo, double albedo_clamped,
+                         double single_total, double *multiple, struct beyond *b)
+{
+    const double a = medium->sigma_a[channel], s = medium->sigma_s_reduced[channel], reduced = s / (a + s), g = medium->g[channel];
+    const double at_edge = *multiple, twice = albedo_clamped * albedo_clamped, once = albedo * pell_single_total(g, edge);
+    double ratio;
+
+    if (eta == edge || at_edge <= 0.0)
+        return false;
+    b->there = pell_dipole_make(1.0 - reduced, reduced, eta, PELL_FRESNEL_EXACT);
+    b->edge = pell_dipole_make(1.0 - reduced, reduced, edge, PELL_FRESNEL_EXACT);
+    ratio = pell_half_space_total(reduced, 1.0 - reduced, eta) / pell_half_space_total(reduced, 1.0 - reduced, edge);
+    *multiple = reduced < 0.02 ? at_edge * ratio /* where the difference of totals would be their rounding error */
+                               : fmin(fmax((twice * at_edge + once) * ratio - albedo * single_total, 0.0), 1.0) / twice;
+    b->factor = *multiple / at_edge * pell_dipole_total(&b->edge) / pell_dipole_total(&b->there);
+    return true;
+}
+
 static enum pell_result make(const struct pell_medium *medium, int channel, const struct pell_profile_params *params,
                              struct pell_profile *out)
 {
@@ -38,7 +63,10 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
     const double albedo_clamped = pell_albedo_of_reduced(albedo_reduced, g_clamped);
     const double kappa = pell_transport_kappa(albedo_clamped, g_clamped) / (1.0 - albedo_clamped * g_clamped);
     const double end = fmin(DARK / fmax(kappa, 1e-300), PELL_TABLE_R_MIN * pow(10.0, (PELL_TABLE_R - 1.0) / PELL_TABLE_PER_DECADE));
+    const double edge = fmin(fmax(eta, pell_photon_table_data.eta[0]), pell_photon_table_data.eta[PELL_TABLE_ETA - 1]);
     struct pell_single single;
+    struct beyond beyond;
+    bool is_beyond;
     double y[PELL_TABLE_R], multiple, total;
     int count = 0;
 
@@ -48,6 +76,7 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
         return PELL_OK;
     pell_multiple(albedo_reduced, g_clamped, eta, y, &multiple);
     pell_single_make(g, eta, &single);
+    is_beyond = reach_beyond(medium, channel, eta, edge, albedo, albedo_clamped, single.total, &multiple, &beyond);
     total = albedo_clamped * albedo_clamped * multiple;
     if (!params->without_single)
         total = fmin(1.0, total + albedo * single.total);
@@ -57,6 +86,8 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
         double value = albedo_clamped * albedo_clamped * exp(between(y, x) - kappa * r) / area;
         if (r > end * (1.0 + 1e-9))
             break;
+        if (is_beyond && value > 0.0)
+            value *= beyond.factor * pell_dipole_rd(&beyond.there, r) / pell_dipole_rd(&beyond.edge, r);
         if (!params->without_single)
             value += albedo * extinction_ratio * extinction_ratio * pell_single_rd(&single, r * extinction_ratio);
         out->r[count] = r / sigma_t_reduced;
@@ -72,6 +103,7 @@ const struct pell_profile_source pell_profile_source_monte_carlo = {
     { "monte-carlo", "Photon Monte Carlo",
       "a table of photons: tools/photon_table.c; after L. Wang, S. L. Jacques, L. Zheng, \"MCML - Monte Carlo modeling of light transport "
       "in multi-layered tissues\", Computer Methods and Programs in Biomedicine 47, 1995",
-      "A smooth half-space under light at right angles; multiple scattering is held at g in [-0.3, 0.91] and eta in [1, 2.1]." },
+      "A smooth half-space under light at right angles; multiple scattering is held at g in [-0.3, 0.91]; "
+      "beyond eta in [1, 2.1] it has the exact total, and the shape of the nearer end as the dipole changes it." },
     make,
 };
