@@ -34,10 +34,11 @@ struct beyond {
     double factor; /* of multiple scattering at all radii */
 };
 
-static bool reach_beyond(const struct pell_medium *medium, int channel, double eta, double edge, double albedo, double albedo_clamped,
-                         double single_total, double *multiple, struct beyond *b)
+static bool reach_beyond(const struct pell_medium *medium, int channel, double albedo, double albedo_clamped,
+                         const struct pell_single *single, double *multiple, struct beyond *b)
 {
     const double a = medium->sigma_a[channel], s = medium->sigma_s_reduced[channel], reduced = s / (a + s), g = medium->g[channel];
+    const double eta = medium->eta, edge = fmin(fmax(eta, pell_photon_table_data.eta[0]), pell_photon_table_data.eta[PELL_TABLE_ETA - 1]);
     const double at_edge = *multiple, twice = albedo_clamped * albedo_clamped, once = albedo * pell_single_total(g, edge);
     double ratio;
 
@@ -47,7 +48,7 @@ static bool reach_beyond(const struct pell_medium *medium, int channel, double e
     b->edge = pell_dipole_make(1.0 - reduced, reduced, edge, PELL_FRESNEL_EXACT);
     ratio = pell_half_space_total(reduced, 1.0 - reduced, eta) / pell_half_space_total(reduced, 1.0 - reduced, edge);
     *multiple = reduced < 0.02 ? at_edge * ratio /* where the difference of totals would be their rounding error */
-                               : fmin(fmax((twice * at_edge + once) * ratio - albedo * single_total, 0.0), 1.0) / twice;
+                               : fmin(fmax((twice * at_edge + once) * ratio - albedo * single->total, 0.0), 1.0) / twice;
     b->factor = *multiple / at_edge * pell_dipole_total(&b->edge) / pell_dipole_total(&b->there);
     return true;
 }
@@ -63,7 +64,6 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
     const double albedo_clamped = pell_albedo_of_reduced(albedo_reduced, g_clamped);
     const double kappa = pell_transport_kappa(albedo_clamped, g_clamped) / (1.0 - albedo_clamped * g_clamped);
     const double end = fmin(DARK / fmax(kappa, 1e-300), PELL_TABLE_R_MIN * pow(10.0, (PELL_TABLE_R - 1.0) / PELL_TABLE_PER_DECADE));
-    const double edge = fmin(fmax(eta, pell_photon_table_data.eta[0]), pell_photon_table_data.eta[PELL_TABLE_ETA - 1]);
     struct pell_single single;
     struct beyond beyond;
     bool is_beyond;
@@ -76,7 +76,7 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
         return PELL_OK;
     pell_multiple(albedo_reduced, g_clamped, eta, y, &multiple);
     pell_single_make(g, eta, &single);
-    is_beyond = reach_beyond(medium, channel, eta, edge, albedo, albedo_clamped, single.total, &multiple, &beyond);
+    is_beyond = reach_beyond(medium, channel, albedo, albedo_clamped, &single, &multiple, &beyond);
     total = albedo_clamped * albedo_clamped * multiple;
     if (!params->without_single)
         total = fmin(1.0, total + albedo * single.total);
