@@ -2,7 +2,11 @@
  * assumptions.c - warns where diffusion is not valid for a scene, or its scattering is too small to show at this resolution. */
 #include "render/renderer_state.h"
 
+#include "base/hash.h"
+
 #include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <string.h>
 
 /* Scattering distances of a material, mm, in the channel where they are largest: mean free path, and distance below the surface. */
@@ -40,21 +44,48 @@ static double pixels_per_mm(const struct pell_scene *scene, const struct pell_se
 
 enum { OPEN, INVERTED, THIN, UNSEEN, FLAT, COINCIDENT, HOLDS_CAMERA, HOLDS_LIGHT, BARE, HOLLOW, KINDS };
 
-/* Counts a warning; true if it is within the limit of logged ones. */
-static bool may_report(struct pell_context *ctx, int *found)
+/* The warnings of a scene so far: a limited number of each kind is logged, and none twice, as copies of an object have the same; the
+ * others are counted. */
+struct warnings {
+    struct pell_context *ctx;
+    int found[KINDS], logged[KINDS];
+    uint64_t said[64]; /* hashes */
+    size_t num_said;
+};
+
+static void warn(struct warnings *w, int kind, const char *where, const char *hint, const char *format, ...) PELL_PRINTF(5, 6);
+
+static void warn(struct warnings *w, int kind, const char *where, const char *hint, const char *format, ...)
 {
-    return (*found)++ < pell_context_limits(ctx)->warnings;
+    char text[512];
+    uint64_t hash;
+    va_list args;
+
+    va_start(args, format);
+    vsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    hash = pell_hash_bytes(pell_hash_bytes((uint64_t) kind, where, strlen(where)), text, strlen(text));
+    w->found[kind]++;
+    for (size_t i = 0; i < w->num_said; i++)
+        if (w->said[i] == hash)
+            return;
+    if (w->num_said < PELL_COUNT(w->said))
+        w->said[w->num_said++] = hash;
+    if (w->logged[kind] < pell_context_limits(w->ctx)->warnings) {
+        w->logged[kind]++;
+        pell_warn(w->ctx, where, hint, "%s", text);
+    }
 }
 
-static void report_missing_uv(struct pell_context *ctx, const struct pell_scene *scene, int *found)
+static void report_missing_uv(const struct pell_scene *scene, struct warnings *w)
 {
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         const struct pell_material *m = &scene->materials[mesh->material];
         const int uv = pell_scene_missing_uv(mesh, m);
-        if (uv >= 0 && may_report(ctx, found))
-            pell_warn(ctx, mesh->name && mesh->name[0] ? mesh->name : "an unnamed mesh", "unwrap it, or leave the textures out",
-                      "has no texture coordinates (UV set %d), which the textures of \"%s\" need", uv, m->name);
+        if (uv >= 0)
+            warn(w, BARE, mesh->name && mesh->name[0] ? mesh->name : "an unnamed mesh", "unwrap it, or leave the textures out",
+                 "has no texture coordinates (UV set %d), which the textures of \"%s\" need", uv, m->name);
     }
 }
 
@@ -72,9 +103,8 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
                                               "objects around lights",
                                               "meshes without texture coordinates",
                                               "objects that enclose no volume" };
-    const int limit = pell_context_limits(ctx)->warnings;
     struct pell_scene_report report = { 0 };
-    int found[KINDS] = { 0 };
+    struct warnings w = { .ctx = ctx };
     double scale;
     enum pell_result res;
 
@@ -96,44 +126,42 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         m = &scene->materials[o->material];
         reach(m, &mfp, &widest);
         if (o->degenerate_triangles == o->triangles) {
-            if (may_report(ctx, &found[FLAT]))
-                pell_warn(ctx, name, NULL, "none of its triangles has an area: the object is invisible");
+            warn(&w, FLAT, name, NULL, "none of its triangles has an area: the object is invisible");
             continue;
         }
-        if (o->coincident >= 0 && may_report(ctx, &found[COINCIDENT]))
-            pell_warn(ctx, name, "remove one of them", "has exactly the same surface as \"%s\": each hides the other",
-                      pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
-        if (o->holds_camera && may_report(ctx, &found[HOLDS_CAMERA]))
-            pell_warn(ctx, name, "move the camera, or check its unit against the mesh's",
-                      "the camera is inside the object; methods render objects only from outside");
-        if (o->holds_light >= 0 && may_report(ctx, &found[HOLDS_LIGHT]))
-            pell_warn(ctx, name, "put it into a cavity of the mesh, or outside",
-                      "light %d of the scene is inside the object: light that begins inside a medium is not rendered", o->holds_light + 1);
-        if (!o->closed && !o->joined && may_report(ctx, &found[OPEN]))
-            pell_warn(ctx, name, "close it, or give it a thickness: --thicken 1mm",
-                      "the surface is open (%lld boundary edges): a translucent object needs a closed surface",
-                      (long long) o->boundary_edges);
+        if (o->coincident >= 0)
+            warn(&w, COINCIDENT, name, "remove one of them", "has exactly the same surface as \"%s\": each hides the other",
+                 pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
+        if (o->holds_camera)
+            warn(&w, HOLDS_CAMERA, name, "move the camera, or check its unit against the mesh's",
+                 "the camera is inside the object; methods render objects only from outside");
+        if (o->holds_light >= 0)
+            warn(&w, HOLDS_LIGHT, name, "put it into a cavity of the mesh, or outside",
+                 "light %d of the scene is inside the object: light that begins inside a medium is not rendered", o->holds_light + 1);
+        if (!o->closed && !o->joined)
+            warn(&w, OPEN, name, "close it, or give it a thickness: --thicken 1mm",
+                 "the surface is open (%lld boundary edges): a translucent object needs a closed surface", (long long) o->boundary_edges);
         if (pell_object_is_hollow(o)) {
-            if (may_report(ctx, &found[HOLLOW]))
-                pell_warn(ctx, name, "give it a thickness, or make it a sheet: opaque with diffuse_transmission",
-                          "the surface encloses no volume: its sides coincide");
+            warn(&w, HOLLOW, name, "give it a thickness, or make it a sheet: opaque with diffuse_transmission",
+                 "the surface encloses no volume: its sides coincide");
             continue;
         }
-        if (o->closed && !o->outward && may_report(ctx, &found[INVERTED]))
-            pell_warn(ctx, name, "flip its faces", "the surface has inverted normals");
-        if (o->closed && !o->joined && o->thickness_mm > 0.0 && mfp > o->thickness_mm && may_report(ctx, &found[THIN]))
-            pell_warn(ctx, name, "check --size or --unit: diffusion holds for objects many mean free paths thick",
-                      "the mean free path of %s, %.3g mm, is longer than the object is thick (%.3g mm)",
-                      m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
-        if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5 && may_report(ctx, &found[UNSEEN]))
-            pell_warn(ctx, name, "render it larger, or check --size or --unit",
-                      "light travels %.3g mm below the surface of %s, which is %.2g pixels here: scattering is not visible", widest,
-                      m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
+        if (o->closed && !o->outward)
+            warn(&w, INVERTED, name, "flip its faces", "the surface has inverted normals");
+        if (o->closed && !o->joined && o->thickness_mm > 0.0 && mfp > o->thickness_mm)
+            warn(&w, THIN, name, "check --size or --unit: diffusion holds for objects many mean free paths thick",
+                 "the mean free path of %s, %.3g mm, is longer than the object is thick (%.3g mm)",
+                 m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
+        if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5)
+            warn(&w, UNSEEN, name, "render it larger, or check --size or --unit",
+                 "light travels %.3g mm below the surface of %s, which is %.2g pixels here: scattering is not visible", widest,
+                 m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
     }
-    report_missing_uv(ctx, scene, &found[BARE]);
+    report_missing_uv(scene, &w);
     for (int k = 0; k < KINDS; k++)
-        if (found[k] > limit)
-            pell_warn(ctx, scene->path, NULL, "%s about %s", pell_counted(found[k] - limit, "more warning", "more warnings").str, kinds[k]);
+        if (w.found[k] > w.logged[k])
+            pell_warn(ctx, scene->path, NULL, "%s about %s", pell_counted(w.found[k] - w.logged[k], "more warning", "more warnings").str,
+                      kinds[k]);
     pell_scene_report_finish(ctx, &report);
     return PELL_OK;
 }

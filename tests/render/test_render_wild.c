@@ -541,8 +541,14 @@ static void warnings_are_counted_where_there_are_many(void **state)
     (void) state;
     stage_start(&s, 64, 64);
     stage_medium(&s, "marble", &m);
-    for (int i = 0; i < 100; i++)
-        shapes_quad(s.scene, m, vec3((float) (3 * i), 0, 0), vec3(1, 0, 0), vec3(0, 1, 0))->object = i;
+    for (int i = 0; i < 100; i++) {
+        struct pell_mesh *quad = shapes_quad(s.scene, m, vec3((float) (3 * i), 0, 0), vec3(1, 0, 0), vec3(0, 1, 0));
+        char name[16];
+        snprintf(name, sizeof(name), "sheet %d", i);
+        pell_free(s.ctx, quad->name);
+        quad->name = pell_strdup(s.ctx, name);
+        quad->object = i;
+    }
     stage_camera(&s, vec3(0, 0, 200), vec3(0, 0, 0), 0.25f, 0.0f);
     stage_method(&s, "screen-space", NULL);
     stage_complete(&s);
@@ -553,6 +559,28 @@ static void warnings_are_counted_where_there_are_many(void **state)
     REQUIRE(limit < 100);
     assert_in_range(s.kept.warnings, limit + 1, limit + 2);
     REQUIRE(strstr(s.kept.last_warning, "more warnings about open surfaces"));
+    stage_finish(&s);
+}
+
+/* Copies of an object: one warning, and how many more there are. */
+static void copies_are_warned_of_once(void **state)
+{
+    struct stage s;
+    size_t m;
+
+    (void) state;
+    stage_start(&s, 64, 64);
+    stage_medium(&s, "marble", &m);
+    for (int i = 0; i < 9; i++)
+        shapes_quad(s.scene, m, vec3((float) (3 * i), 0, 0), vec3(1, 0, 0), vec3(0, 1, 0))->object = i;
+    stage_camera(&s, vec3(0, 0, 200), vec3(0, 0, 0), 0.25f, 0.0f);
+    stage_method(&s, "screen-space", NULL);
+    stage_complete(&s);
+    OK(pell_renderer_set_scene(s.r, s.scene));
+    s.kept.warnings = 0;
+    OK(pell_renderer_check_assumptions(s.r, &s.settings));
+    assert_int_equal(s.kept.warnings, 2);
+    REQUIRE(strstr(s.kept.last_warning, "8 more warnings about open surfaces"));
     stage_finish(&s);
 }
 
@@ -583,6 +611,7 @@ int main(void)
         cmocka_unit_test(as_in_the_paper),
         cmocka_unit_test(each_warning_where_it_belongs),
         cmocka_unit_test(warnings_are_counted_where_there_are_many),
+        cmocka_unit_test(copies_are_warned_of_once),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);
