@@ -41,7 +41,8 @@ INLINE void store(float *p, vf v)
     memcpy(p, &v, sizeof(v));
 }
 
-INLINE vf all(float x)
+/* x in every lane. */
+INLINE vf splat(float x)
 {
     return (vf) { 0 } + x;
 }
@@ -51,42 +52,42 @@ INLINE vf select(vi mask, vf a, vf b)
     return (vf) (((vi) a & mask) | ((vi) b & ~mask));
 }
 
-INLINE vf magnitude(vf a)
+INLINE vf vabs(vf a)
 {
     return (vf) ((vi) a & 0x7fffffff);
 }
 
-/* root(v): square root; lesser(a, b), greater(a, b): minimum and maximum, b if one operand is NaN; any(mask): whether a lane is set;
- * members(mask): a bit mask with lane l at bit l. */
+/* vsqrt(v): square root; vmin(a, b), vmax(a, b): minimum and maximum, b if one operand is NaN; any(mask): whether a lane is set;
+ * movemask(mask): a bit mask with lane l at bit l. */
 #if defined(__AVX512F__)
 typedef __m512 machine;
 #define MACHINE(op) (vf) _mm512_##op##_ps
 #define any(mask) (_mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)) != 0)
-#define members(mask) ((uint32_t) _mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)))
+#define movemask(mask) ((uint32_t) _mm512_test_epi32_mask((__m512i) (mask), (__m512i) (mask)))
 #elif defined(__AVX__)
 typedef __m256 machine;
 #define MACHINE(op) (vf) _mm256_##op##_ps
 #define any(mask) (!_mm256_testz_si256((__m256i) (mask), (__m256i) (mask)))
-#define members(mask) ((uint32_t) _mm256_movemask_ps((__m256) (mask)))
+#define movemask(mask) ((uint32_t) _mm256_movemask_ps((__m256) (mask)))
 #elif defined(__SSE2__)
 typedef __m128 machine;
 #define MACHINE(op) (vf) _mm_##op##_ps
 #define any(mask) (_mm_movemask_ps((__m128) (mask)) != 0)
-#define members(mask) ((uint32_t) _mm_movemask_ps((__m128) (mask)))
+#define movemask(mask) ((uint32_t) _mm_movemask_ps((__m128) (mask)))
 #else
-INLINE vf root(vf v)
+INLINE vf vsqrt(vf v)
 {
     for (int l = 0; l < WIDTH; l++)
         v[l] = sqrtf(v[l]);
     return v;
 }
 
-INLINE vf lesser(vf a, vf b)
+INLINE vf vmin(vf a, vf b)
 {
     return select(a < b, a, b);
 }
 
-INLINE vf greater(vf a, vf b)
+INLINE vf vmax(vf a, vf b)
 {
     return select(a > b, a, b);
 }
@@ -99,7 +100,7 @@ INLINE bool any(vi mask)
     return some != 0;
 }
 
-INLINE uint32_t members(vi mask)
+INLINE uint32_t movemask(vi mask)
 {
     uint32_t set = 0;
     for (int l = 0; l < WIDTH; l++)
@@ -108,13 +109,13 @@ INLINE uint32_t members(vi mask)
 }
 #endif
 #if defined(__SSE2__)
-#define root(v) (MACHINE(sqrt)((machine) (v)))
-#define lesser(a, b) (MACHINE(min)((machine) (a), (machine) (b)))
-#define greater(a, b) (MACHINE(max)((machine) (a), (machine) (b)))
+#define vsqrt(v) (MACHINE(sqrt)((machine) (v)))
+#define vmin(a, b) (MACHINE(min)((machine) (a), (machine) (b)))
+#define vmax(a, b) (MACHINE(max)((machine) (a), (machine) (b)))
 #endif
 
 /* Transposes 4 x 4 floats; of longer vectors each group of four lanes separately. */
-INLINE void turn4(const vf from[4], vf to[4])
+INLINE void transpose4(const vf from[4], vf to[4])
 {
 #if defined(__SSE2__)
     const vf a = MACHINE(unpacklo)((machine) from[0], (machine) from[1]), b = MACHINE(unpackhi)((machine) from[0], (machine) from[1]);
@@ -131,7 +132,7 @@ INLINE void turn4(const vf from[4], vf to[4])
 }
 
 /* Looks up table[k[l]] in each lane l; the table has 32 entries and is aligned to 64 bytes. */
-INLINE vf pick32(const float *table, vi k)
+INLINE vf lookup32(const float *table, vi k)
 {
 #if defined(__AVX512F__)
     return (vf) _mm512_permutex2var_ps((__m512) load(table), (__m512i) k, (__m512) load(table + 16));

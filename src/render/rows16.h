@@ -33,7 +33,7 @@ INLINE void widen(vf lanes, vf wide[4])
     wide[3] = MACHINE(shuffle)((machine) lanes, (machine) lanes, 0xff);
 #else
     for (int j = 0; j < 4; j++)
-        wide[j] = all(lanes[j]);
+        wide[j] = splat(lanes[j]);
 #endif
 }
 
@@ -49,7 +49,7 @@ INLINE void rows_blend(const float *const row[3][ROWS], const float weight[3][RO
             for (int j = 0; j < 4; j++)
                 from[j] =
                     w[0][j] * quads(row[0], first, j, k) + w[1][j] * quads(row[1], first, j, k) + w[2][j] * quads(row[2], first, j, k);
-            turn4(from, to);
+            transpose4(from, to);
             for (int j = 0; j < 4; j++)
                 store(out[k + j] + first, to[j]);
         }
@@ -74,7 +74,7 @@ INLINE void rows_blend_wide(const float *const row[3][ROWS], const float weight[
             vf from[4], to[4];
             for (int j = 0; j < 4; j++)
                 from[j] = quads(mix, first, j, k);
-            turn4(from, to);
+            transpose4(from, to);
             for (int j = 0; j < 4; j++)
                 store(out[k + j] + first, to[j]);
         }
@@ -92,7 +92,7 @@ INLINE void rows_between(const float *const row[ROWS], const float t[ROWS], int 
                 const vf here = quads(row, first, j, k), next = quads(row, first, j, k + size);
                 from[j] = here + w[j] * (next - here);
             }
-            turn4(from, to);
+            transpose4(from, to);
             for (int j = 0; j < 4; j++)
                 store(out[k + j] + first, to[j]);
         }

@@ -82,7 +82,7 @@ INLINE vf edge_test(const struct pell_light_grid_triangle *t, const struct packe
     const vf v = x * t->edge[1][0] + y * t->edge[1][1] + z * t->edge[1][2];
     const vf w = x * t->edge[2][0] + y * t->edge[2][1] + z * t->edge[2][2];
 
-    *inside = lesser(lesser(u, v), w) >= 0.0f;
+    *inside = vmin(vmin(u, v), w) >= 0.0f;
     return (load(p->at[0] + at) - t->corner[0]) * t->normal[0] + (load(p->at[1] + at) - t->corner[1]) * t->normal[1] +
            (load(p->at[2] + at) - t->corner[2]) * t->normal[2];
 }

@@ -241,8 +241,8 @@ INLINE void draw(const struct grid *g, const struct setup16 *s, int i, int32_t n
 
                 if (low && s->high[i] <= low[block])
                     continue;
-                sides = lesser(lesser(x * s->edge[0][0][i] + a, x * s->edge[1][0][i] + b), x * s->edge[2][0][i] + c);
-                depth = lesser(greater(q + (x - s->x[i]) * s->qx[i], all(s->low[i])), all(s->high[i]));
+                sides = vmin(vmin(x * s->edge[0][0][i] + a, x * s->edge[1][0][i] + b), x * s->edge[2][0][i] + c);
+                depth = vmin(vmax(q + (x - s->x[i]) * s->qx[i], splat(s->low[i])), splat(s->high[i]));
                 won = (sides >= 0.0f) & (depth > old);
                 memcpy(&names, tile->triangle + block * LANES + at, sizeof(names));
                 names = (name & won) | (names & ~won);

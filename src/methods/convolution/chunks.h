@@ -18,7 +18,7 @@ typedef uint16_t vh __attribute__((vector_size(2 * WIDTH)));
 
 INLINE vf within(vf x, float low, float high)
 {
-    return lesser(greater(x, all(low)), all(high));
+    return vmin(vmax(x, splat(low)), splat(high));
 }
 
 INLINE vi choose(vi mask, vi a, vi b)
@@ -67,7 +67,7 @@ INLINE vi groups_of(const uint16_t *group, int n)
 /* Mask of the first n pixels that are in group `own`. */
 INLINE vi which(const uint16_t *group, uint16_t own, int n)
 {
-    return (groups_of(group, n) == (vi) { 0 } + own) & (lanes_from(0.0f) < all((float) n));
+    return (groups_of(group, n) == (vi) { 0 } + own) & (lanes_from(0.0f) < splat((float) n));
 }
 
 /* table[at] for each lane, by scalar loads, which are faster than gather instructions on many machines and never much slower. The indices
@@ -112,7 +112,7 @@ INLINE void pick4(const float *table, vi at, vf out[4])
         rows[k] = (vf) _mm_loadu_ps(table + 4 * (ptrdiff_t) i[k]);
 #endif
     }
-    turn4(rows, out);
+    transpose4(rows, out);
 #else
     for (int l = 0; l < WIDTH; l++)
         for (int k = 0; k < 4; k++)

@@ -23,7 +23,7 @@ struct line {
  * is linear in the image for any plane: 1/depth, or depth in a parallel view. */
 INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi own, vi by)
 {
-    vf best = all(INFINITY);
+    vf best = splat(INFINITY);
 
     for (int dir = -1; dir <= 1; dir += 2) {
         const vi to = on->coord + (dir < 0 ? -by : by), inside = (to >= on->low) & (to < on->high), safe = choose(inside, to, on->coord);
@@ -40,36 +40,36 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
         }
         memcpy(&in_group, group, sizeof(in_group));
         in_group = (in_group == own) & inside;
-        other = d->parallel ? load(depth) : 1.0f / select(in_group, load(depth), all(1.0f));
+        other = d->parallel ? load(depth) : 1.0f / select(in_group, load(depth), splat(1.0f));
         difference = dir < 0 ? here - other : other - here;
-        best = select(in_group & (magnitude(difference) < magnitude(best)), difference, best);
+        best = select(in_group & (vabs(difference) < vabs(best)), difference, best);
     }
-    return select(magnitude(best) < INFINITY, best / FLOATS(by), all(0.0f));
+    return select(vabs(best) < INFINITY, best / FLOATS(by), splat(0.0f));
 }
 
 /* |n . d| of WIDTH pixels from (x, y) on, from `depth`, theirs, and the depths `by` pixels away in the groups `own`. */
 INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi by)
 {
     const vf here = d->parallel ? depth : 1.0f / depth, px = lanes_from((float) x);
-    const vi column = INTS(lesser(px, all((float) (d->x1 - 1)))), row = (vi) { 0 } + y;
+    const vi column = INTS(vmin(px, splat((float) (d->x1 - 1)))), row = (vi) { 0 } + y;
     const struct line across = { row * (int32_t) d->stride, row * (int32_t) d->group_stride, column, 1, 1, d->x0, d->x1 };
     const struct line down = { column, column, row, d->stride, d->group_stride, d->y0, d->y1 };
     const vf gu = d->focal_px * slope(d, &across, here, own, by), gv = d->focal_px * slope(d, &down, here, own, by);
 
     if (d->parallel) {
-        return 1.0f / root(1.0f + gu * gu + gv * gv);
+        return 1.0f / vsqrt(1.0f + gu * gu + gv * gv);
     } else {
         const vf tx = (px + (0.5f - d->middle_x)) / d->focal_px;
         const float ty = ((float) y + 0.5f - d->middle_y) / d->focal_px;
-        const vf c = here - gu * tx - gv * ty, n = root(gu * gu + gv * gv + c * c);
-        return select(n > 0.0f, here / n, all(1.0f));
+        const vf c = here - gu * tx - gv * ty, n = vsqrt(gu * gu + gv * gv + c * c);
+        return select(n > 0.0f, here / n, splat(1.0f));
     }
 }
 
 INLINE vf slant_of(vf cosine)
 {
-    const vf f = greater(cosine, all(CONV_COS_MIN)), rest = 1.0f - f;
-    return select(f < 1.0f, root(greater(rest, all(0.0f))), rest);
+    const vf f = vmax(cosine, splat(CONV_COS_MIN)), rest = 1.0f - f;
+    return select(f < 1.0f, vsqrt(vmax(rest, splat(0.0f))), rest);
 }
 
 static void cover(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *slant)
@@ -80,10 +80,10 @@ static void cover(const struct conv_depths *d, int y, int from, int to, bool by_
         vf depth = load_first(d->depth + y * d->stride + x, n), f, mm;
         if (!any(own != 0))
             continue;
-        depth = select(own != 0, depth, all(1.0f));
+        depth = select(own != 0, depth, splat(1.0f));
         f = by_depth ? facing(d, x, y, depth, own, (vi) { 0 } + 1) : load_first(slant + x, n);
-        mm = d->one_size ? all(1.0f) : (d->parallel ? all(1.0f) : depth) / d->focal_px;
-        store_first(area + x, mm * mm / greater(f, all(CONV_COS_MIN)), n);
+        mm = d->one_size ? splat(1.0f) : (d->parallel ? splat(1.0f) : depth) / d->focal_px;
+        store_first(area + x, mm * mm / vmax(f, splat(CONV_COS_MIN)), n);
         store_first(slant + x, slant_of(f), n);
     }
 }
@@ -93,12 +93,12 @@ static void far_slants(const struct conv_depths *d, int y, int from, int to, uin
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
         const vi in_group = which(d->group + y * d->group_stride + x, own, n);
-        const vf self = load_first(slant + x, n), depth = select(in_group, load_first(d->depth + y * d->stride + x, n), all(1.0f));
-        const vf step = d->median_px / (d->parallel ? all(1.0f) : depth), part = within(step - 0.5f, 0.0f, 1.0f);
+        const vf self = load_first(slant + x, n), depth = select(in_group, load_first(d->depth + y * d->stride + x, n), splat(1.0f));
+        const vf step = d->median_px / (d->parallel ? splat(1.0f) : depth), part = within(step - 0.5f, 0.0f, 1.0f);
         vf out = self;
         if (any(in_group & (self > 0.0f) & (part > 0.0f))) {
             const vi by = INTS(within(step + 0.5f, 1.0f, 65536.0f));
-            const vf over = lesser(slant_of(facing(d, x, y, depth, (vi) { 0 } + own, by)), self);
+            const vf over = vmin(slant_of(facing(d, x, y, depth, (vi) { 0 } + own, by)), self);
             out = select((self > 0.0f) & (part > 0.0f), mix_of(self, over, part), self);
         }
         store_first(far + x, out, n);
@@ -115,8 +115,8 @@ struct row {
 
 INLINE struct row row_of(vf slant, int rows)
 {
-    const vf s = greater(slant, all(0.0f)) * (float) ((rows - 1) / 0.994987437); /* the largest slant: sqrt(1 - CONV_COS_MIN) */
-    const vi low = INTS(lesser(s, all((float) (rows - 2))));
+    const vf s = vmax(slant, splat(0.0f)) * (float) ((rows - 1) / 0.994987437); /* the largest slant: sqrt(1 - CONV_COS_MIN) */
+    const vi low = INTS(vmin(s, splat((float) (rows - 2))));
 
     return (struct row) { low, within(s - FLOATS(low), 0.0f, 1.0f) };
 }
@@ -128,10 +128,10 @@ INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf coord_factor)
     vf mean_area = (1.0f - t) / (p * p) + t / (q * q);
 
     if (by_response) {
-        const vf own = (1.0f - t) * (1.0f - t) + t * t, other = greater(1.0f / (coord_factor * coord_factor) - own, all(0.0f));
+        const vf own = (1.0f - t) * (1.0f - t) + t * t, other = vmax(1.0f / (coord_factor * coord_factor) - own, splat(0.0f));
         mean_area = ((1.0f - t) * (1.0f - t) / (p * p) + t * t / (q * q) + other / (p * q)) / (own + other);
     }
-    return select(p == q, all(1.0f), 1.0f / ((p + t * (q - p)) * root(mean_area)));
+    return select(p == q, splat(1.0f), 1.0f / ((p + t * (q - p)) * vsqrt(mean_area)));
 }
 
 /* Areas in units of the middle pixel, corrected by the response: the light that a flat surface gets back from splitting and gathering. The
@@ -146,27 +146,28 @@ static void compute_weights(const struct conv_weights *w, const struct conv_row 
     for (int i = 0; i < s->count; i += WIDTH) {
         const int n = s->count - i;
         const vi in_group = which(s->group + i, s->own, n);
-        const vf p = select(in_group, load_first(s->coord + i, n), all(0.0f)),
-                 self = select(in_group, load_first(s->slant + i, n), all(0.0f));
-        const vf over = select(in_group, load_first(s->far + i, n), all(0.0f)), a = select(in_group, load_first(s->area + i, n), all(1.0f));
+        const vf p = select(in_group, load_first(s->coord + i, n), splat(0.0f)),
+                 self = select(in_group, load_first(s->slant + i, n), splat(0.0f));
+        const vf over = select(in_group, load_first(s->far + i, n), splat(0.0f)),
+                 a = select(in_group, load_first(s->area + i, n), splat(1.0f));
         const vi plane = INTS(p), next = choose(plane < w->planes - 1, plane + 1, plane);
         const vf t = p - FLOATS(plane), u = t * (float) (CONV_PHASES - 1), pixels = within(a * w->per_unit2, 1e-4f, 1e5f);
         const struct row at = row_of(self, CONV_SLANTS), own_at = row_of(self, CONV_FINE), far_at = row_of(over, CONV_FINE);
-        const vi b = INTS(lesser(u, all((float) (CONV_PHASES - 2))));
-        const vf fu = u - FLOATS(b), sideways = select(self < 0.0f, 1.0f - self, all(1.0f));
+        const vi b = INTS(vmin(u, splat((float) (CONV_PHASES - 2))));
+        const vf fu = u - FLOATS(b), sideways = select(self < 0.0f, 1.0f - self, splat(1.0f));
         const vf narrow = pick(w->pixel, plane), wide = pick(w->pixel, next);
         const vi first = plane * (w->several ? SIZE : 0);
         vf width;
         if (!any(in_group))
             continue;
-        width = width_factor(false, t, narrow, wide, all(1.0f));
+        width = width_factor(false, t, narrow, wide, splat(1.0f));
         for (int c = 0; c < 3; c++) {
             const struct conv_response *r = w->response[c];
             vf here[4], near[4], beyond[4], by_coord, exact, received;
             if (w->plain) {
                 store_first(entry_weight[c] + i, pixels, n);
                 if (exit_weight)
-                    store_first(exit_weight[c] + i, all(1.0f), n);
+                    store_first(exit_weight[c] + i, splat(1.0f), n);
                 continue;
             }
             pick4(r->coord[0], first + at.low * (CONV_PHASES - 1) + b, here);
@@ -194,8 +195,8 @@ static void split_hidden(const struct conv_transfers *s, int count, const float 
         const vf to = load_first(p + i, n), from = load_first(q + i, n), d = load_first(distance + i, n);
         const vi to_plane = INTS(to), from_plane = INTS(from), at = from_plane * CONV_PLANES + to_plane;
         const vf tp = to - FLOATS(to_plane), tq = from - FLOATS(from_plane);
-        const vf coord = root(greater(d, all(0.0f)) * s->per_widest) * (float) CONV_DISTANCES;
-        const vi row = INTS(lesser(coord, all((float) (CONV_DISTANCES - 1))));
+        const vf coord = vsqrt(vmax(d, splat(0.0f)) * s->per_widest) * (float) CONV_DISTANCES;
+        const vi row = INTS(vmin(coord, splat((float) (CONV_DISTANCES - 1))));
         const vf part = within(coord - FLOATS(row), 0.0f, 1.0f);
         for (int c = 0; c < 3; c++) {
             const float *a = s->arrives[c];
@@ -203,10 +204,10 @@ static void split_hidden(const struct conv_transfers *s, int count, const float 
                                        mix_of(pick(a, at + CONV_PLANES), pick(a, at + (CONV_PLANES + 1)), tp), tq);
             const vf exact = mix_of(pick(s->over[c], row), pick(s->over[c], row + 1), part);
             const vi more = exact >= received, none = d < 0.0f;
-            const vf missing = within((exact - received) / greater(1.0f - received, all(1e-6f)), 0.0f, 1.0f);
-            const vf kept = select(none, all(1.0f), select(more, 1.0f - missing, exact / received));
+            const vf missing = within((exact - received) / vmax(1.0f - received, splat(1e-6f)), 0.0f, 1.0f);
+            const vf kept = select(none, splat(1.0f), select(more, 1.0f - missing, exact / received));
             store_first(entry_weight[c] + i, load_first(entry_weight[c] + i, n) * kept, n);
-            store_first(close[c] + i, select(more & ~none, missing * load_first(close[c] + i, n), all(0.0f)), n);
+            store_first(close[c] + i, select(more & ~none, missing * load_first(close[c] + i, n), splat(0.0f)), n);
         }
     }
 }
@@ -216,13 +217,13 @@ static void split_hidden(const struct conv_transfers *s, int count, const float 
 /* Fraction of the light at this coordinate that goes to plane i. */
 INLINE vf plane_weight(vf coord, int i)
 {
-    return greater(1.0f - magnitude(coord - (float) i), all(0.0f));
+    return vmax(1.0f - vabs(coord - (float) i), splat(0.0f));
 }
 
 INLINE vf between_weight(vf coord, int i)
 {
     const vf t = coord - (float) i;
-    return select((t >= 0.0f) & (t < 1.0f), root(greater(2.0f * t * (1.0f - t), all(0.0f))), all(0.0f));
+    return select((t >= 0.0f) & (t < 1.0f), vsqrt(vmax(2.0f * t * (1.0f - t), splat(0.0f))), splat(0.0f));
 }
 
 INLINE void add_image(const struct conv_spread *s, float *image, int x, int n, vf light)
@@ -253,17 +254,17 @@ static void spread(const struct conv_spread *s, const uint16_t *group, const flo
         if (n > 0)
             in_group = which(group + x, s->own, n) & (column >= (float) s->x0);
         if (any(in_group)) {
-            p = select(in_group, load_first(coord + x, n), all(0.0f));
+            p = select(in_group, load_first(coord + x, n), splat(0.0f));
             e = load_first(entry_weight + x, n);
-            e = select(in_group, light ? e * load_first(light + x, n) : e, all(0.0f));
+            e = select(in_group, light ? e * load_first(light + x, n) : e, splat(0.0f));
         }
         if (!any(e != 0.0f)) {
             for (int i = 0; i < s->planes + s->between && s->step == 1; i++)
-                store_first(images + (size_t) i * s->image_size + x, all(0.0f), room);
+                store_first(images + (size_t) i * s->image_size + x, splat(0.0f), room);
             continue;
         }
         for (int i = 0; i < s->planes; i++) {
-            const vf t = p - (float) i, half = select((t >= -1.0f) & (t < 1.0f), all(0.5f), all(0.0f));
+            const vf t = p - (float) i, half = select((t >= -1.0f) & (t < 1.0f), splat(0.5f), splat(0.0f));
             const vf to = e * (s->halves && s->planes > 1 ? half : plane_weight(p, i));
             const bool lights = any(to != 0.0f);
             if (lights || s->step == 1)
@@ -272,7 +273,7 @@ static void spread(const struct conv_spread *s, const uint16_t *group, const flo
         }
         for (int i = 0; i < s->between; i++) {
             const bool near = any((p >= (float) i) & (p < (float) (i + 1)));
-            const vf to = near ? between_weight(p, i) * e : all(0.0f);
+            const vf to = near ? between_weight(p, i) * e : splat(0.0f);
             const bool lights = near && any(to != 0.0f);
             if (lights || s->step == 1)
                 add_image(s, images + (size_t) (s->planes + i) * s->image_size, x, room, to);
@@ -299,7 +300,7 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
         const vi in_group = which(g->group + x, g->own, n);
-        const vf p = select(in_group, load_first(g->coord + x, n), all(-2.0f));
+        const vf p = select(in_group, load_first(g->coord + x, n), splat(-2.0f));
         vf sum = { 0 };
         if (!any(in_group))
             continue;
@@ -311,7 +312,7 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
             if (i + 1 < g->planes && between[i])
                 sum += between_weight(p, i) * load_first(between[i] + x, n);
         }
-        sum = greater(sum * load_first(g->exit_weight + x, n), all(g->least));
+        sum = vmax(sum * load_first(g->exit_weight + x, n), splat(g->least));
         store_first(out + x, select(in_group, sum, load_first(out + x, n)), n);
     }
 }
@@ -363,9 +364,9 @@ INLINE vf value_at(const float *value, float per_median2, vf radius2)
 {
     const vi bits = (vi) (radius2 * per_median2), row = (bits >> 18) - ((127 - CONV_OCTAVES / 2) << 5);
     const vi safe = choose(row < 0, (vi) { 0 }, choose(row > CONV_ROWS, (vi) { 0 } + CONV_ROWS, row));
-    const vf part = select(row < 0, all(0.0f), FLOATS(bits & 0x3ffff) * (1.0f / 262144.0f));
+    const vf part = select(row < 0, splat(0.0f), FLOATS(bits & 0x3ffff) * (1.0f / 262144.0f));
 
-    return select(row >= CONV_ROWS, all(0.0f), mix_of(pick(value, safe), pick(value, safe + 1), part));
+    return select(row >= CONV_ROWS, splat(0.0f), mix_of(pick(value, safe), pick(value, safe + 1), part));
 }
 
 static void sample(const struct conv_samples *s, float x, float y, float step, int count, float *out)
@@ -395,7 +396,7 @@ INLINE struct plane_position plane_position_of(vf coord)
 {
     const vf plane = FLOATS(INTS(coord)), t = coord - plane;
 
-    return (struct plane_position) { plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
+    return (struct plane_position) { plane, t, vsqrt(vmax(2.0f * t * (1.0f - t), splat(0.0f))) };
 }
 
 /* Fraction of the light of pixel a that already reaches pixel b through the planes. `next`: R at one more plane distance, divided by R. */
@@ -405,7 +406,7 @@ INLINE vf exchange(struct plane_position a, struct plane_position b, float next)
     const vf up = a.t * (1.0f - b.t), down = (1.0f - a.t) * b.t;
     const vf same = both + (up + down) * next + a.between * b.between * (1.0f - next);
 
-    return select(step == 0.0f, same, select(magnitude(step) == 1.0f, select(step > 0.0f, up, down) + both * next, all(0.0f)));
+    return select(step == 0.0f, same, select(vabs(step) == 1.0f, select(step > 0.0f, up, down) + both * next, splat(0.0f)));
 }
 
 /* A vector of pixels. */
@@ -436,7 +437,7 @@ INLINE struct pixel_lanes find_pixels(const struct conv_edges *s, int x, int y)
         return o;
     memcpy(group + skip, s->group + y * s->group_stride + x + skip, (size_t) (n - skip) * sizeof(*group));
     o.valid = which(group, s->own, n) & (lanes_from(0.0f) >= (float) skip);
-    o.depth = select(o.valid, load_between(s->depth + y * s->stride, x, s->x0, s->x1), all(1.0f));
+    o.depth = select(o.valid, load_between(s->depth + y * s->stride, x, s->x0, s->x1), splat(1.0f));
     return o;
 }
 
@@ -449,29 +450,29 @@ INLINE void load_rest(const struct conv_edges *s, int x, int y, struct pixel_lan
     o->flux = load_between(s->entry_weight + row, x, s->x0, s->x1);
     if (s->light)
         o->flux *= load_between(s->light + y * s->stride, x, s->x0, s->x1);
-    o->flux = select(o->valid, o->flux, all(0.0f));
-    o->coord = select(o->valid, load_between(s->coord + row, x, s->x0, s->x1), all(0.0f));
+    o->flux = select(o->valid, o->flux, splat(0.0f));
+    o->coord = select(o->valid, load_between(s->coord + row, x, s->x0, s->x1), splat(0.0f));
 }
 
 /* The less steep of the depth steps to both sides. */
 INLINE vf less_steep(vf depth, struct pixel_lanes before, struct pixel_lanes after)
 {
     const vf low = depth - before.depth, high = after.depth - depth;
-    const vi is_low = before.valid & (~after.valid | (magnitude(low) <= magnitude(high)));
+    const vi is_low = before.valid & (~after.valid | (vabs(low) <= vabs(high)));
 
-    return select(is_low, low, select(after.valid, high, all(0.0f)));
+    return select(is_low, low, select(after.valid, high, splat(0.0f)));
 }
 
 /* Depth steps per pixel of a surface that covers `times` the area of a pixel, whose squared width is width2, mm^2: of the steps given, only
  * the direction is kept. */
 INLINE void scale_gradient(vf times, float width2, vf *gx, vf *gy)
 {
-    const vf tangent2 = greater(times * times - 1.0f, all(0.0f)) * width2, length2 = *gx * *gx + *gy * *gy;
+    const vf tangent2 = vmax(times * times - 1.0f, splat(0.0f)) * width2, length2 = *gx * *gx + *gy * *gy;
     const vi known = length2 > 1e-6f * width2;
-    const vf scale = root(tangent2 / select(known, length2, all(1.0f)));
+    const vf scale = vsqrt(tangent2 / select(known, length2, splat(1.0f)));
 
-    *gx = select(known, *gx * scale, root(tangent2));
-    *gy = select(known, *gy * scale, all(0.0f));
+    *gx = select(known, *gx * scale, vsqrt(tangent2));
+    *gy = select(known, *gy * scale, splat(0.0f));
 }
 
 static void edges(const struct conv_edges *s, int y, int from, int to, float *out)
@@ -495,10 +496,10 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
         load_rest(s, x, y, &own);
         here = plane_position_of(own.coord);
         exit_weight = load_between(s->exit_weight + y * s->group_stride, x, s->x0, s->x1);
-        area = select(own.valid, load_between(s->area + y * s->group_stride, x, s->x0, s->x1), all(1.0f));
+        area = select(own.valid, load_between(s->area + y * s->group_stride, x, s->x0, s->x1), splat(1.0f));
         gx = less_steep(own.depth, find_pixels(s, x - 1, y), find_pixels(s, x + 1, y));
         gy = less_steep(own.depth, find_pixels(s, x, y - 1), find_pixels(s, x, y + 1));
-        scale_gradient(area / (s->pixel2 * (s->parallel ? all(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);
+        scale_gradient(area / (s->pixel2 * (s->parallel ? splat(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);
         for (int dy = -CONV_WINDOW; dy <= CONV_WINDOW; dy++)
             for (int dx = -CONV_WINDOW; dx <= CONV_WINDOW; dx++) {
                 const int ax = dx < 0 ? -dx : dx, ay = dy < 0 ? -dy : dy;
@@ -508,13 +509,13 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
                 const vf d = o.depth - own.depth - on;
                 const vf value = value_at(s->value, s->per_median2, s->radius2[ay][ax] + d * d);
                 vf on_own, on_its;
-                const vf alike = select(o.valid, s->per_value[ay][ax] * value, all(0.0f));
+                const vf alike = select(o.valid, s->per_value[ay][ax] * value, splat(0.0f));
                 load_rest(s, x + dx, y + dy, &o);
                 on_own = own.flux * exchange(here, plane_position_of(coord), s->next[ay][ax]);
                 on_its = o.flux * exchange(here, plane_position_of(o.coord), s->next[ay][ax]);
                 sum += s->square[ay][ax] * (1.0f - alike) * (on_own - on_its);
             }
-        sum = greater(load_first(out + x, n) + s->fade * exit_weight * sum, all(s->least));
+        sum = vmax(load_first(out + x, n) + s->fade * exit_weight * sum, splat(s->least));
         store_first(out + x, select(near_edge, sum, load_first(out + x, n)), n);
     }
 }

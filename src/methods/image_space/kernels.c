@@ -53,7 +53,7 @@ INLINE void add(const struct is_set *set, const struct shading_point *p, const s
 
 INLINE vf jacobian_factor(const struct is_work *w, vf jacobian)
 {
-    return !w->jacobian ? all(1.0f) : w->inverted ? 1.0f / jacobian : jacobian;
+    return !w->jacobian ? splat(1.0f) : w->inverted ? 1.0f / jacobian : jacobian;
 }
 
 /* Sample k: its position in the plane of samples, mm, and 1/density. `offset`: the samples of the pixels' row of the tile or, if each pixel
@@ -98,7 +98,7 @@ INLINE void sample_camera(const struct is_work *w, const struct shading_point *p
             find_in_camera(w, p, o, parallel, &projections[k], &f);
             f.valid &= p->active & (inv_density > 0.0f);
             add(set, p, &f, inv_density * jacobian_factor(w, f.jacobian), varies, s, &valid);
-            s->count += select(valid, all(1.0f), all(0.0f));
+            s->count += select(valid, splat(1.0f), splat(0.0f));
         }
     }
 }
@@ -132,7 +132,7 @@ INLINE void sample_all(const struct is_work *w, const struct shading_point *p, c
                     sum += density_from(w, &views->image[u], &views->plane[u], p, set, varies, f.to);
             add(set, p, &f, 1.0f / sum, varies, s, &valid);
         }
-        s->count += select(valid, all(1.0f), all(0.0f));
+        s->count += select(valid, splat(1.0f), splat(0.0f));
     }
 }
 
@@ -153,14 +153,14 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, str
 
     for (int c = 0; c < 3; c++) {
         const vf base = gather(in->base[c] + p->y * in->shape.stride, at);
-        const vf albedo = greater(lesser(base, all(IS_ALBEDO_MAX)), all(IS_ALBEDO_MIN)); /* NaN becomes the largest */
-        const vf coord = IS_LEVEL_COORD(root(1.0f - albedo), least, most);
-        vi low = __builtin_convertvector(greater(lesser(coord, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
+        const vf albedo = vmax(vmin(base, splat(IS_ALBEDO_MAX)), splat(IS_ALBEDO_MIN)); /* NaN becomes the largest */
+        const vf coord = IS_LEVEL_COORD(vsqrt(1.0f - albedo), least, most);
+        vi low = __builtin_convertvector(vmax(vmin(coord, splat(IS_LEVELS - 1.5f)), splat(0.0f)), vi);
         p->level_fraction[c] = coord - __builtin_convertvector(low, vf);
         p->rows[c] = (low + 1) * (IS_ROWS * 8);
         mean += coord * (1.0f / 3.0f);
     }
-    level = nearest(greater(lesser(mean, all(IS_LEVELS - 1.0f)), all(0.0f)));
+    level = nearest(vmax(vmin(mean, splat(IS_LEVELS - 1.0f)), splat(0.0f)));
     p->density = (level + 1) * (IS_ROWS * 8);
     p->offset = ((level + 1) * w->tile * w->samples_row + first_sample(w, p)) * (3 * IS_BLOCK) + (p->x & (IS_BLOCK - 1));
     level *= IS_LEVEL;
@@ -189,7 +189,7 @@ INLINE void sample_range(const struct is_work *w, const struct shading_point *p,
 /* Valid samples of a kind also represent the invalid ones of that kind. */
 INLINE void make_up(struct sums *s)
 {
-    const vf times = select(s->count > 0.0f, (float) (s->to - s->from) / s->count, all(0.0f));
+    const vf times = select(s->count > 0.0f, (float) (s->to - s->from) / s->count, splat(0.0f));
 
     for (int c = 0; c < 3; c++)
         s->light[c] *= times;
@@ -203,7 +203,7 @@ INLINE void sample(const struct is_work *w, struct shading_point *p, const struc
 
     *s = (struct sums) { 0 };
     for (int c = 0; c < 3; c++)
-        p->quarter[c] = all(set->quarter[c]);
+        p->quarter[c] = splat(set->quarter[c]);
     if (set->level && w->in->base[0]) {
         choose_levels(w, set, p);
         offset = set->offset;
@@ -240,32 +240,32 @@ INLINE void start(const struct is_work *w, int x, int y, bool parallel, struct s
     p->y = y;
     p->key = load(w->key + at);
     p->z = parallel ? here : 1.0f / here;
-    p->t[0] = parallel ? all(0.0f) : px;
-    p->t[1] = parallel ? all(0.0f) : all(py);
+    p->t[0] = parallel ? splat(0.0f) : px;
+    p->t[1] = parallel ? splat(0.0f) : splat(py);
     p->at[0] = parallel ? px : px * p->z;
-    p->at[1] = parallel ? all(py) : py * p->z;
+    p->at[1] = parallel ? splat(py) : py * p->z;
     p->at[2] = p->z;
     p->n[0] = gu;
     p->n[1] = gv;
-    p->n[2] = parallel ? all(-1.0f) : here - gu * px - gv * py;
-    p->h = root(p->n[0] * p->n[0] + p->n[1] * p->n[1] + p->n[2] * p->n[2]);
+    p->n[2] = parallel ? splat(-1.0f) : here - gu * px - gv * py;
+    p->h = vsqrt(p->n[0] * p->n[0] + p->n[1] * p->n[1] + p->n[2] * p->n[2]);
     p->per_h = 1.0f / p->h;
     for (int k = 0; k < 3; k++)
         p->n[k] *= p->per_h;
     tangents(p->n, p->s, p->q);
     p->offset = p->density = (vi) { 0 };
-    p->uniform = p->broad2 = p->reach2 = all(0.0f);
+    p->uniform = p->broad2 = p->reach2 = splat(0.0f);
     for (int c = 0; c < 3; c++) {
         p->rows[c] = (vi) { 0 };
-        p->level_fraction[c] = all(0.0f);
+        p->level_fraction[c] = splat(0.0f);
     }
 }
 
 /* Weight of each channel in the reconstruction: 0 if a quarter of its light stays within half a pixel. */
 INLINE vf reconstruction_weight(const struct shading_point *p, int c, bool parallel, float f)
 {
-    const vf px = p->quarter[c] * p->strength * (parallel ? all(f) : f / p->z);
-    const vf t = greater(lesser((px - IS_RECONSTRUCT_FROM) / (IS_RECONSTRUCT_TO - IS_RECONSTRUCT_FROM), all(1.0f)), all(0.0f));
+    const vf px = p->quarter[c] * p->strength * (parallel ? splat(f) : f / p->z);
+    const vf t = vmax(vmin((px - IS_RECONSTRUCT_FROM) / (IS_RECONSTRUCT_TO - IS_RECONSTRUCT_FROM), splat(1.0f)), splat(0.0f));
     return IS_RECONSTRUCT(t);
 }
 
@@ -342,7 +342,7 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
             set = &w->sets[which[k] - 1];
             p.active = which == which[k];
             left &= ~p.active;
-            p.per_length2 = set->per_length2 / greater(p.strength * p.strength, all(1e-7f));
+            p.per_length2 = set->per_length2 / vmax(p.strength * p.strength, splat(1e-7f));
             sample(w, &p, set, l, parallel, &views, &s);
             finish(w, &p, set, &s, l, parallel, result, alpha);
         }

@@ -26,10 +26,10 @@ INLINE vf slope(const struct is_work *w, ptrdiff_t at, ptrdiff_t step, vf key, v
 {
     const vi before = load(w->key + at - step) == key, after = load(w->key + at + step) == key;
     const vf low = here - load(w->w + at - step), high = load(w->w + at + step) - here;
-    const vf most = 2.0f * lesser(magnitude(low), magnitude(high));
-    const vf both = greater(lesser(0.5f * (low + high), most), -most);
+    const vf most = 2.0f * vmin(vabs(low), vabs(high));
+    const vf both = vmax(vmin(0.5f * (low + high), most), -most);
 
-    return select(before & after, both, select(before, low, select(after, high, all(0.0f))));
+    return select(before & after, both, select(before, low, select(after, high, splat(0.0f))));
 }
 
 void PELL_SIMD(is_measure)(const struct is_work *w, int y)
@@ -46,15 +46,15 @@ void PELL_SIMD(is_measure)(const struct is_work *w, int y)
             vf tx = { 0 }, a = f * slope(w, at, 1, key, here), b = f * slope(w, at, w->stride, key, here), c, norm, ray, most, cut;
             for (int k = 0; k < WIDTH; k++)
                 tx[k] = parallel ? 0.0f : ((float) (block + l + k) + 0.5f - w->mid_x) / f;
-            c = parallel ? all(-1.0f) : here - a * tx - b * ty;
-            ray = root(tx * tx + (ty * ty + 1.0f));
-            most = IS_SLOPE_MAX * (parallel ? all(1.0f) : here) / ray;
-            norm = root(a * a + b * b + c * c);
-            cut = select(norm > most, most / norm, all(1.0f));
+            c = parallel ? splat(-1.0f) : here - a * tx - b * ty;
+            ray = vsqrt(tx * tx + (ty * ty + 1.0f));
+            most = IS_SLOPE_MAX * (parallel ? splat(1.0f) : here) / ray;
+            norm = vsqrt(a * a + b * b + c * c);
+            cut = select(norm > most, most / norm, splat(1.0f));
             a *= cut;
             b *= cut;
-            c = parallel ? all(-1.0f) : here - a * tx - b * ty;
-            store(h + l, root(a * a + b * b + c * c));
+            c = parallel ? splat(-1.0f) : here - a * tx - b * ty;
+            store(h + l, vsqrt(a * a + b * b + c * c));
             store(gu + l, a / f);
             store(gv + l, b / f);
             /* Distance from this plane, in footprints of a facing pixel, for a difference of one in w. */

@@ -59,7 +59,7 @@ struct views {
 /* The row of a squared radius, in units of length^2, and the fraction toward the next. */
 INLINE vi find_row(vf square, vf *fraction)
 {
-    const vi bits = (vi) greater(lesser(square, all(IS_SQUARE_LAST)), all(IS_SQUARE_MIN));
+    const vi bits = (vi) vmax(vmin(square, splat(IS_SQUARE_LAST)), splat(IS_SQUARE_MIN));
 
     *fraction = __builtin_convertvector(bits & ((1 << IS_SHIFT) - 1), vf) * (1.0f / (1 << IS_SHIFT));
     return ((bits >> IS_SHIFT) - IS_FIRST_ROW) * 8;
@@ -83,7 +83,7 @@ INLINE vf plane_at(const vf texel[8], vf du, vf dv)
 /* Tangents of n, a unit vector (Duff et al. 2017, "Building an Orthonormal Basis, Revisited"). */
 INLINE void tangents(const vf n[3], vf s[3], vf q[3])
 {
-    const vf sign = select(n[2] < 0.0f, all(-1.0f), all(1.0f)), a = -1.0f / (sign + n[2]), b = n[0] * n[1] * a;
+    const vf sign = select(n[2] < 0.0f, splat(-1.0f), splat(1.0f)), a = -1.0f / (sign + n[2]), b = n[0] * n[1] * a;
 
     s[0] = sign * n[0] * n[0] * a + 1.0f;
     s[1] = sign * b;
@@ -107,7 +107,7 @@ INLINE void project_to_camera(const struct is_work *w, const struct shading_poin
 {
     const struct pell_rect *r = &w->in->rect;
     const float f = w->focal_px;
-    const vf depth = p->z + o[2], scale = parallel ? all(f) : f / depth;
+    const vf depth = p->z + o[2], scale = parallel ? splat(f) : f / depth;
     const vf du = within(scale * (parallel ? o[0] : o[0] - p->t[0] * o[2]), IS_FAR_PX);
     const vf dv = within(scale * (parallel ? o[1] : o[1] - p->t[1] * o[2]), IS_FAR_PX);
     const vi iu = nearest(du), iv = nearest(dv), x = p->x + iu, y = p->y + iv;
@@ -136,7 +136,7 @@ INLINE void find_in_camera(const struct is_work *w, const struct shading_point *
     jacobian = texel[IS_H] * p->per_h;
     if (parallel) {
         z = plane;
-        step = all(1.0f / f);
+        step = splat(1.0f / f);
     } else {
         vf ratio;
         z = 1.0f / plane;
@@ -149,7 +149,7 @@ INLINE void find_in_camera(const struct is_work *w, const struct shading_point *
     to->to[0] = select(own, o[0], dz * p->t[0] + du * step);
     to->to[1] = select(own, o[1], dz * p->t[1] + dv * step);
     to->to[2] = select(own, o[2], dz);
-    to->jacobian = select(own, all(1.0f), jacobian);
+    to->jacobian = select(own, splat(1.0f), jacobian);
     for (int c = 0; c < 3; c++)
         to->light[c] = texel[IS_RED + c];
 }
@@ -165,7 +165,7 @@ INLINE void into_view(const struct is_view *v, const vf p[3], float shifted, vf 
 /* The texel of a point, and the offset of the point from its centre; 0 outside of the image. */
 INLINE vi load_texel(const struct image *m, const vf p[3], vf *du, vf *dv, vi *at)
 {
-    const vf scale = m->parallel ? all(m->f) : m->f / p[2];
+    const vf scale = m->parallel ? splat(m->f) : m->f / p[2];
     const vf u = within(scale * p[0] + m->cx, IS_FAR_PX), v = within(scale * p[1] + m->cy, IS_FAR_PX);
     const vi x = nearest(u), y = nearest(v), before = m->parallel ? (vi) { 0 } - 1 : (vi) (p[2] > 0.0f);
     const vi inside = (x >= m->rect.x0) & (x < m->rect.x1) & (y >= m->rect.y0) & (y < m->rect.y1) & before;
@@ -180,7 +180,7 @@ INLINE vi load_texel(const struct image *m, const vf p[3], vf *du, vf *dv, vi *a
  * it. */
 INLINE vf jacobian_of(const struct image *m, const vf texel[8], vf ratio, vf distance)
 {
-    const vf h = texel[IS_H] * magnitude(distance);
+    const vf h = texel[IS_H] * vabs(distance);
     return m->parallel ? h : IS_AREA_RATIO(h, ratio);
 }
 
@@ -193,9 +193,9 @@ INLINE void make_plane(const struct image *m, const struct shading_point *p, str
         to->distance = m->parallel ? p->n[2] : p->n[0] * p->at[0] + p->n[1] * p->at[1] + p->n[2] * p->at[2];
         return;
     }
-    to->distance = m->parallel ? all(1.0f) : root(to->at[0] * to->at[0] + to->at[1] * to->at[1] + to->at[2] * to->at[2]);
+    to->distance = m->parallel ? splat(1.0f) : vsqrt(to->at[0] * to->at[0] + to->at[1] * to->at[1] + to->at[2] * to->at[2]);
     for (int k = 0; k < 3; k++)
-        to->n[k] = m->parallel ? all(k == 2 ? 1.0f : 0.0f) : to->at[k] / to->distance;
+        to->n[k] = m->parallel ? splat(k == 2 ? 1.0f : 0.0f) : to->at[k] / to->distance;
     tangents(to->n, to->s, to->q);
 }
 
@@ -245,36 +245,36 @@ INLINE vf density_from(const struct is_work *w, const struct image *m, const str
     plane = plane_at(texel, du, dv);
     z = m->parallel ? plane : 1.0f / plane;
     /* Within a pixel's depth of the visible surface. */
-    off = texel[IS_H] * (m->parallel ? all(1.0f / m->f) : z * z * (1.0f / m->f));
-    seen &= magnitude(location[2] - z) < off + 1e-5f * magnitude(z);
+    off = texel[IS_H] * (m->parallel ? splat(1.0f / m->f) : z * z * (1.0f / m->f));
+    seen &= vabs(location[2] - z) < off + 1e-5f * vabs(z);
     /* The point p' of the tangent plane on the same ray. */
     towards = m->parallel ? n[2] : n[0] * location[0] + n[1] * location[1] + n[2] * location[2];
     if (m->parallel) {
         const vf along = (n[0] * (from[0] - location[0]) + n[1] * (from[1] - location[1]) + n[2] * (from[2] - location[2])) / towards;
         location[2] += along;
-        ratio = all(1.0f);
+        ratio = splat(1.0f);
     } else {
         ratio = towards / distance; /* z/z' */
         seen &= ratio > 0.0f;
         for (int k = 0; k < 3; k++)
             location[k] /= ratio;
     }
-    square = all(0.0f);
+    square = splat(0.0f);
     for (int k = 0; k < 3; k++)
         square += (location[k] - from[k]) * (location[k] - from[k]);
     square *= p->per_length2;
     seen &= in_table(square);
-    jacobian = w->jacobian ? jacobian_of(m, texel, ratio, distance) : all(1.0f);
+    jacobian = w->jacobian ? jacobian_of(m, texel, ratio, distance) : splat(1.0f);
     at = find_row(square, &fraction);
     if (varies)
         at += p->density;
     density = (float) p->count->importance * (gather(&set->rows[0][3], at) + fraction * gather(&set->rows[0][7], at));
     if (set->broad2 > 0.0f) {
-        const vf fall = 1.0f + square / (varies ? p->broad2 : all(set->broad2));
-        density += p->count->uniform * (varies ? p->uniform : all(set->uniform)) / (fall * fall);
+        const vf fall = 1.0f + square / (varies ? p->broad2 : splat(set->broad2));
+        density += p->count->uniform * (varies ? p->uniform : splat(set->uniform)) / (fall * fall);
     } else {
         density += p->count->uniform *
-                   select(square <= (varies ? p->reach2 : all(set->reach2)), varies ? p->uniform : all(set->uniform), all(0.0f));
+                   select(square <= (varies ? p->reach2 : splat(set->reach2)), varies ? p->uniform : splat(set->uniform), splat(0.0f));
     }
     density = w->inverted ? density * jacobian : density / jacobian;
     seen &= (density >= 0.0f) & (density < 1e30f);

@@ -27,11 +27,11 @@ void PELL_SIMD(is_rebuild)(const struct is_work *w, int y)
                 for (int dx = -reach; dx <= reach; dx++) {
                     const float box = (dx == reach || dx == -reach ? 0.5f : 1.0f) * (dy == reach || dy == -reach ? 0.5f : 1.0f);
                     const ptrdiff_t other = at + dy * w->stride + dx;
-                    const vf w_other = load(w->w + other), fx = all((float) dx), fy = all((float) dy);
+                    const vf w_other = load(w->w + other), fx = splat((float) dx), fy = splat((float) dy);
                     const vf to = here + gu * fx + gv * fy - w_other;
                     const vf back = w_other - load(w->gu + other) * fx - load(w->gv + other) * fy - here;
-                    const vf off = magnitude(to) * footprints + magnitude(back) * load(w->footprints + other);
-                    vf weight = greater(1.0f - off * off * IS_OFF_PLANE, all(0.0f)) * (box * over);
+                    const vf off = vabs(to) * footprints + vabs(back) * load(w->footprints + other);
+                    vf weight = vmax(1.0f - off * off * IS_OFF_PLANE, splat(0.0f)) * (box * over);
                     if (dx == 0 && dy == 0)
                         continue;
                     weight = (vf) ((vi) weight & (load(w->key + other) == key));

@@ -45,8 +45,8 @@ INLINE void gather8(const float *p, const vi *at, vf out[8])
         rows[k] = (vf) _mm512_insertf64x4(_mm512_castps_pd(_mm512_castps256_ps512(_mm256_loadu_ps(p + i[0]))),
                                           _mm256_castps_pd(_mm256_loadu_ps(p + i[4])), 1);
     }
-    turn4(rows, transposed);
-    turn4(rows + 4, transposed + 4);
+    transpose4(rows, transposed);
+    transpose4(rows + 4, transposed + 4);
     for (int k = 0; k < 4; k++) {
         out[k] = (vf) _mm512_shuffle_f32x4((__m512) transposed[k], (__m512) transposed[4 + k], 0x88);
         out[4 + k] = (vf) _mm512_shuffle_f32x4((__m512) transposed[k], (__m512) transposed[4 + k], 0xdd);
@@ -62,7 +62,7 @@ INLINE void gather8(const float *p, const vi *at, vf out[8])
         for (int k = 0; k < 4; k++)
             rows[k] = (vf) _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + index[k] + half)),
                                                 _mm_loadu_ps(p + index[k + 4] + half), 1);
-        turn4(rows, out + half);
+        transpose4(rows, out + half);
     }
 }
 #else
@@ -83,7 +83,7 @@ INLINE vi nearest(vf x)
 
 INLINE vf within(vf x, float most)
 {
-    return greater(lesser(x, all(most)), all(-most)); /* NaN does not become `most` */
+    return vmax(vmin(x, splat(most)), splat(-most)); /* NaN does not become `most` */
 }
 
 /* Members of struct is_kernels: in measure.c and rebuild.c. */

@@ -22,7 +22,7 @@ INLINE void store3(void *rows, int lane, const vf from[3])
 
 INLINE void unit3(vf a[3])
 {
-    const vf inv_length = 1.0f / root(greater(dot3(a, a), all(1e-30f)));
+    const vf inv_length = 1.0f / vsqrt(vmax(dot3(a, a), splat(1e-30f)));
 
     for (int k = 0; k < 3; k++)
         a[k] *= inv_length;
@@ -47,7 +47,7 @@ INLINE void fill_rows(const void *values, int count, int lane, vi of, void *rows
     float *to = rows;
 
     for (int i = 0; i < count; i++)
-        store(to + i * LANES + lane, select(of, all(from[i]), load(to + i * LANES + lane)));
+        store(to + i * LANES + lane, select(of, splat(from[i]), load(to + i * LANES + lane)));
 }
 
 static void layered_fill(const struct layered_triangle *t, int packs, const int32_t *of, struct layered_packet *p)
@@ -66,7 +66,7 @@ INLINE void start_lookup(const struct layered_pack *pack, const float *uv, const
                          const vf b[3], const vf dir[3], struct layered_lookup *o)
 {
     const vf u = load(p->u + lane), v = load(p->v + lane), w = 1.0f - u - v, spacing = load(p->spacing + lane);
-    const vf size = all((float) pack->level[0].width * (float) pack->level[0].height);
+    const vf size = splat((float) pack->level[0].width * (float) pack->level[0].height);
     vf squares[2], texels;
 
     for (int d = 0; d < 2; d++) {
@@ -83,7 +83,7 @@ INLINE void start_lookup(const struct layered_pack *pack, const float *uv, const
             store((d ? o->dv : o->du)[far] + lane, along);
         }
     }
-    texels = root(squares[0] * squares[1]) * size * (spacing * spacing);
+    texels = vsqrt(squares[0] * squares[1]) * size * (spacing * spacing);
     for (int i = 0; i < WIDTH; i++) {
         o->offset[lane + i] = pack->level[0].offset;
         o->stride[lane + i] = pack->level[0].stride;
@@ -127,7 +127,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     }
     cross3(e1, e2, facet);
     square = dot3(facet, facet);
-    square = (vf) ((vi) (1.0f / greater(square, all(1e-30f))) & (square > 1e-30f));
+    square = (vf) ((vi) (1.0f / vmax(square, splat(1e-30f))) & (square > 1e-30f));
     cross3(e2, facet, a);
     cross3(facet, e1, b);
     for (int k = 0; k < 3; k++) {
@@ -142,8 +142,8 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     usable = (dot3(n, n) > 0.5f) & (co > 1e-3f); /* else the shading normal faces away from the camera */
     for (int k = 0; k < 3; k++)
         n[k] = select(usable, n[k], select(facing < 0.0f, -facet[k], facet[k]));
-    co = clamped(select(usable, co, magnitude(facing)), 1e-3f, 1.0f);
-    ci = root(1.0f - (1.0f - co * co) / (eta * eta));
+    co = clamped(select(usable, co, vabs(facing)), 1e-3f, 1.0f);
+    ci = vsqrt(1.0f - (1.0f - co * co) / (eta * eta));
     if (eta != 1.0f) {
         const vf rs = (co - eta * ci) / (co + eta * ci), rp = (eta * co - ci) / (eta * co + ci);
         f = 0.5f * (rs * rs + rp * rp);
@@ -155,7 +155,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     for (int k = 0; k < 3; k++)
         s[k] = select(usable, s[k], n[k]);
     h = (vf) ((vi) h & usable);
-    down = greater(select(usable, down, ci), all(LAYERED_GRAZING));
+    down = vmax(select(usable, down, ci), splat(LAYERED_GRAZING));
     store3(p->p, lane, at);
     store3(p->n, lane, n);
     store3(p->s, lane, s);
@@ -166,11 +166,11 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     store(p->gain + lane, (1.0f - f) / (eta * eta));
     store(p->rate + lane, down);
     store(p->length + lane, m->deepest / down);
-    store(p->exit + lane, all(LAYERED_FAR));
-    store(p->exit_rate + lane, all(1.0f));
+    store(p->exit + lane, splat(LAYERED_FAR));
+    store(p->exit_rate + lane, splat(1.0f));
     for (int k = 0; k < 3; k++) {
-        store(p->color[k] + lane, all(0.0f));
-        store(p->light[k] + lane, all(0.0f));
+        store(p->color[k] + lane, splat(0.0f));
+        store(p->light[k] + lane, splat(0.0f));
     }
     for (int k = 0; k < m->packs + m->colors; k++)
         start_lookup(&m->pack[k], p->uv + (ptrdiff_t) k * 6 * LANES, p, lane, a, b, dir, &p->lookup[k]);
@@ -190,7 +190,7 @@ static void layered_start(const struct layered_work *work, const struct layered_
 /* Offset of a ray's origin from the surface, in the order of the rounding error of its coordinates. */
 INLINE vf ray_offset(const vf at[3])
 {
-    return LAYERED_RAY_OFFSET * greater(greater(magnitude(at[0]), magnitude(at[1])), greater(magnitude(at[2]), all(1e-3f)));
+    return LAYERED_RAY_OFFSET * vmax(vmax(vabs(at[0]), vabs(at[1])), vmax(vabs(at[2]), splat(1e-3f)));
 }
 
 INLINE void set_ray(struct pell_ray16 *r, int lane, const vf from[3], const vf dir[3], vf near, vf far)
@@ -203,7 +203,7 @@ INLINE void set_ray(struct pell_ray16 *r, int lane, const vf from[3], const vf d
     store(r->dz + lane, dir[2]);
     store(r->tnear + lane, near);
     store(r->tfar + lane, far);
-    store(r->time + lane, all(0.0f));
+    store(r->time + lane, splat(0.0f));
     for (int i = 0; i < WIDTH; i++) {
         r->mask[lane + i] = PELL_RAY_ALL;
         r->id[lane + i] = r->flags[lane + i] = 0;
@@ -217,8 +217,8 @@ static void layered_exit_rays(const struct layered_packet *p, float size, struct
         load3(p->p, lane, at);
         load3(p->w, lane, dir);
         load3(p->facet, lane, facet);
-        set_ray(r, lane, at, dir, ray_offset(at) / greater(magnitude(dot3(facet, dir)), all(0.05f)),
-                lesser(4.0f * load(p->length + lane), all(4.0f * size)));
+        set_ray(r, lane, at, dir, ray_offset(at) / vmax(vabs(dot3(facet, dir)), splat(0.05f)),
+                vmin(4.0f * load(p->length + lane), splat(4.0f * size)));
     }
     for (int i = 0; i < LANES; i++)
         valid[i] = i < p->count ? -1 : 0;
@@ -230,7 +230,7 @@ static int layered_light_rays(const struct layered_packet *p, int path, bool sha
     int planes = 0, nodes = 0, rays = 0;
 
     for (int lane = 0; lane < LANES; lane += WIDTH) {
-        vf at[3], facet[3], to[3], normal[3], camera[3], far = all(INFINITY), front, facing, fraction, lit = { 0 }, off;
+        vf at[3], facet[3], to[3], normal[3], camera[3], far = splat(INFINITY), front, facing, fraction, lit = { 0 }, off;
         vi active;
         load3(p->p, lane, at);
         load3(p->facet, lane, facet);
@@ -241,15 +241,15 @@ static int layered_light_rays(const struct layered_packet *p, int path, bool sha
             vf distance, inv_distance;
             for (int k = 0; k < 3; k++)
                 to[k] -= at[k];
-            distance = greater(root(dot3(to, to)), all(1e-6f));
+            distance = vmax(vsqrt(dot3(to, to)), splat(1e-6f));
             inv_distance = 1.0f / distance;
             for (int k = 0; k < 3; k++)
                 to[k] *= inv_distance;
             far = 0.9999f * distance;
         }
-        front = select(dot3(facet, camera) < 0.0f, all(-1.0f), all(1.0f));
+        front = select(dot3(facet, camera) < 0.0f, splat(-1.0f), splat(1.0f));
         facing = front * dot3(facet, to);
-        fraction = all(path == LAYERED_RAYS ? 0.0f : 1.0f);
+        fraction = splat(path == LAYERED_RAYS ? 0.0f : 1.0f);
         if (path == LAYERED_PLANES_RAYS) {
             const vf x = clamped(dot3(normal, to) * (1.0f / LAYERED_HORIZON), 0.0f, 1.0f);
             fraction = (vf) ((vi) (x * x * (3.0f - 2.0f * x)) & (facing > 0.0f));
@@ -257,11 +257,11 @@ static int layered_light_rays(const struct layered_packet *p, int path, bool sha
         for (int c = 0; c < 3; c++)
             lit += load(source->power[c] + lane);
         store(source->planes + lane, fraction);
-        store(source->seen + lane, all(1.0f));
+        store(source->seen + lane, splat(1.0f));
         off = front * ray_offset(at);
         for (int k = 0; k < 3; k++)
             at[k] += off * facet[k];
-        set_ray(r, lane, at, to, all(0.0f), far);
+        set_ray(r, lane, at, to, splat(0.0f), far);
         active = (lit > 0.0f) & (fraction > 0.0f) & (facing > 0.0f) & (shadows ? -1 : 0);
         for (int i = 0; i < WIDTH; i++) {
             const bool on = lane + i < p->count && lit[i] > 0.0f;

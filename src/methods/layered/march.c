@@ -42,19 +42,19 @@ struct ray {
 INLINE void find_layers(const struct layered_work *work, const struct layered_medium *m, const struct ray *ray, struct step *s)
 {
     const vf rate = select(s->far, ray->exit_rate, ray->rate), inv_rate = select(s->far, ray->inv_exit_rate, ray->inv_rate);
-    const vf low = greater(s->depth - 0.5f * s->step * rate, all(0.0f)), high = s->depth + 0.5f * s->step * rate;
+    const vf low = vmax(s->depth - 0.5f * s->step * rate, splat(0.0f)), high = s->depth + 0.5f * s->step * rate;
     const vf first = select(s->far, s->depth, low), last = select(s->far, high, s->depth);
     vf above = { 0 }, covered = { 0 };
 
     s->listed = 0;
     for (int c = 0; c < 3; c++)
-        s->step_tau[c] = all(0.0f);
+        s->step_tau[c] = splat(0.0f);
     for (int j = 0; j < m->count; j++) {
         const vf bottom = s->bottom[j];
         vf length, before;
         if (work->exponential) {
-            length = greater(lesser(bottom, high) - greater(above, low), all(0.0f)) * inv_rate;
-            before = greater(lesser(bottom, last) - greater(above, first), all(0.0f)) * inv_rate;
+            length = vmax(vmin(bottom, high) - vmax(above, low), splat(0.0f)) * inv_rate;
+            before = vmax(vmin(bottom, last) - vmax(above, first), splat(0.0f)) * inv_rate;
         } else {
             length = (vf) ((vi) s->step & (s->depth >= above) & (s->depth < bottom));
             before = 0.5f * length;
@@ -69,21 +69,21 @@ INLINE void find_layers(const struct layered_work *work, const struct layered_me
         for (int c = 0; c < 3; c++)
             s->step_tau[c] += length * m->layer[j].sigma_t2[c];
     }
-    s->hidden = (vf) ((vi) all(1.0f) & (s->step - covered > 1e-3f * s->step));
+    s->hidden = (vf) ((vi) splat(1.0f) & (s->step - covered > 1e-3f * s->step));
 }
 
 /* Path by planes, (9) and (10). `entry`: on input K of the previous step, from which the direction to the light is taken; on output K. */
 INLINE void path_by_planes(const struct layered_work *work, const struct layered_medium *m, const struct layered_light *source, int lane,
                            const struct step *s, vf entry[3], struct path *path)
 {
-    vf to[3], k[3], cosine, c, d2 = all(1.0f);
+    vf to[3], k[3], cosine, c, d2 = splat(1.0f);
 
     load3(source->to, lane, to);
     if (!source->distant) {
         vf inv_length;
         for (int i = 0; i < 3; i++)
             to[i] -= work->refracts ? entry[i] : s->at[i];
-        inv_length = 1.0f / root(greater(dot3(to, to), all(1e-12f)));
+        inv_length = 1.0f / vsqrt(vmax(dot3(to, to), splat(1e-12f)));
         for (int i = 0; i < 3; i++)
             to[i] *= inv_length;
     }
@@ -91,7 +91,7 @@ INLINE void path_by_planes(const struct layered_work *work, const struct layered
     path->beam = load(source->seen + lane);
     if (work->refracts) {
         const float eta = m->eta, inv_eta = 1.0f / eta;
-        const vf co = clamped(cosine, 1e-4f, 1.0f), ci = root(1.0f - (1.0f - co * co) * (inv_eta * inv_eta));
+        const vf co = clamped(cosine, 1e-4f, 1.0f), ci = vsqrt(1.0f - (1.0f - co * co) * (inv_eta * inv_eta));
         const vf rs = (co - eta * ci), ss = (co + eta * ci), rp = (eta * co - ci), sp = (eta * co + ci);
         const vf a = rs * sp, b = rp * ss, product = ss * sp, product2 = product * product;
         for (int i = 0; i < 3; i++)
@@ -103,9 +103,9 @@ INLINE void path_by_planes(const struct layered_work *work, const struct layered
             path->dir[i] = to[i];
         if (!work->absolute)
             path->beam = (vf) ((vi) path->beam & (cosine > 0.0f));
-        c = magnitude(cosine);
+        c = vabs(cosine);
     }
-    path->cosine = greater(c, all(LAYERED_GRAZING));
+    path->cosine = vmax(c, splat(LAYERED_GRAZING));
     path->inv_cosine = 1.0f / path->cosine;
     path->km = s->plane_distance * path->inv_cosine;
     path->km_slope = path->km * s->inv_x;
@@ -118,7 +118,7 @@ INLINE void path_by_planes(const struct layered_work *work, const struct layered
             to_light[i] -= k[i];
             entry[i] = k[i];
         }
-        d2 = greater(dot3(to_light, to_light), all(1e-6f));
+        d2 = vmax(dot3(to_light, to_light), splat(1e-6f));
         path->beam /= d2;
     } else {
         for (int i = 0; i < 3; i++)
@@ -187,7 +187,7 @@ INLINE vf interpolate_km(const struct layered_work *work, const struct layered_l
         sides += 1.0f;
     }
     km = a + slope * (t - at[k]) + bend * ((t - at[k]) * (t - at[k + 1]) / sides);
-    return lesser(greater(km, lesser(a, b)), greater(a, b));
+    return vmin(vmax(km, vmin(a, b)), vmax(a, b));
 }
 
 /* Path at t, interpolated between the two nearest nodes. */
@@ -215,7 +215,7 @@ INLINE void path_by_nodes(const struct layered_work *work, const struct layered_
     path->km_slope = clamped(path->km_slope, -1.0f, 20.0f);
     for (int i = 0; i < 3; i++)
         path->dir[i] = LERP_ROW(dir, [i]);
-    inv_length = 1.0f / root(greater(dot3(path->dir, path->dir), all(1e-12f)));
+    inv_length = 1.0f / vsqrt(vmax(dot3(path->dir, path->dir), splat(1e-12f)));
     for (int i = 0; i < 3; i++)
         path->dir[i] *= inv_length;
     for (int c = 0; c < 3 && m->colors; c++)
@@ -234,7 +234,7 @@ INLINE void mix_paths(const struct layered_medium *m, vf planes, const struct pa
 {
     /* Blends reciprocals: where the surface curves away, the path by planes is the one that is far too long. Where no traced ray reached
      * the surface, only the path by planes has a length. */
-    const vf blended = path->km * by_planes->km / greater(planes * path->km + (1.0f - planes) * by_planes->km, all(1e-20f));
+    const vf blended = path->km * by_planes->km / vmax(planes * path->km + (1.0f - planes) * by_planes->km, splat(1e-20f));
 
     path->km = select((path->km > 0.0f) & (planes < 1.0f), blended, by_planes->km);
     path->cosine += planes * (by_planes->cosine - path->cosine);
@@ -254,15 +254,15 @@ INLINE void attenuation(const struct layered_work *work, const struct layered_me
                         bool both, vf tau[3])
 {
     const struct layered_layer *last = &m->layer[m->count - 1];
-    vf below = { 0 }, cos_at_m = { 0 }, blend_m = all(0.5f), reach, above = { 0 }, inv_cosine = path->inv_cosine, inv_below = { 0 };
+    vf below = { 0 }, cos_at_m = { 0 }, blend_m = splat(0.5f), reach, above = { 0 }, inv_cosine = path->inv_cosine, inv_below = { 0 };
     vf bottom_at_m = { 0 }, below_layers;
     vi split = { 0 };
 
     if (both) {
         const vf c1 = -dot3(s->normal, path->dir);
-        cos_at_m = greater(c1, all(1e-3f));
+        cos_at_m = vmax(c1, splat(1e-3f));
         below = (path->km * path->cosine - s->depth) / (cos_at_m + path->cosine);
-        below = lesser(greater(below, all(0.0f)), path->km);
+        below = vmin(vmax(below, splat(0.0f)), path->km);
         below = (vf) ((vi) below & (c1 > 0.0f));
         split = below > 0.0f;
         blend_m = (vf) ((vi) blend_m & ~split);
@@ -271,26 +271,26 @@ INLINE void attenuation(const struct layered_work *work, const struct layered_me
     }
     reach = (path->km - below) * path->cosine;
     for (int c = 0; c < 3; c++)
-        tau[c] = all(0.0f);
+        tau[c] = splat(0.0f);
     for (int j = 0; j < m->count; j++) {
         const vf bottom = path->bottom[j] + blend_m * (s->bottom[j] - path->bottom[j]);
-        vf length = greater(lesser(reach, bottom) - above, all(0.0f)) * inv_cosine;
+        vf length = vmax(vmin(reach, bottom) - above, splat(0.0f)) * inv_cosine;
         above = bottom;
         if (any(split)) {
-            const vf start = j > 0 ? greater(s->bottom[j > 0 ? j - 1 : 0], s->depth) : s->depth;
-            length += (vf) ((vi) (greater(lesser(s->bottom[j], bottom_at_m) - start, all(0.0f)) * inv_below) & split);
+            const vf start = j > 0 ? vmax(s->bottom[j > 0 ? j - 1 : 0], s->depth) : s->depth;
+            length += (vf) ((vi) (vmax(vmin(s->bottom[j], bottom_at_m) - start, splat(0.0f)) * inv_below) & split);
         }
         for (int c = 0; c < 3; c++)
             tau[c] += length * m->layer[j].sigma_t2[c];
     }
     if (m->bottomless)
         return;
-    below_layers = greater(reach - above, all(0.0f)) * inv_cosine;
+    below_layers = vmax(reach - above, splat(0.0f)) * inv_cosine;
     if (work->rest)
         for (int c = 0; c < 3; c++)
-            tau[c] += below_layers * select(split, all(m->rest[c]), all(last->sigma_t2[c]));
+            tau[c] += below_layers * select(split, splat(m->rest[c]), splat(last->sigma_t2[c]));
     if (any(split)) {
-        below_layers = (vf) ((vi) (greater(bottom_at_m - greater(s->bottom[m->count - 1], s->depth), all(0.0f)) * inv_below) & split);
+        below_layers = (vf) ((vi) (vmax(bottom_at_m - vmax(s->bottom[m->count - 1], s->depth), splat(0.0f)) * inv_below) & split);
         for (int c = 0; c < 3; c++)
             tau[c] += below_layers * m->rest[c];
     }
@@ -302,13 +302,13 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
                     const struct path *path, const vf path_tau[3], const vf colour[3], vf sum[3])
 {
     const vf cosine = -dot3(path->dir, ray->w);
-    const vf rate = work->exponential ? 1.0f + path->km_slope : all(1.0f);
+    const vf rate = work->exponential ? 1.0f + path->km_slope : splat(1.0f);
     vf start[3], tau_above[3], weight[3];
 
     for (int c = 0; c < 3; c++) {
         start[c] = s->tau[c] + path_tau[c];
         weight[c] = path->beam * colour[c] * s->alive;
-        tau_above[c] = all(0.0f);
+        tau_above[c] = splat(0.0f);
     }
     if (work->exponential)
         for (int i = 0; i < s->listed; i++)
@@ -328,7 +328,7 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
             if (!work->exponential) {
                 value = exp2_neg(start[c] + y);
             } else {
-                value = mean_transmittance(tau, y, any(magnitude(y) > THICK));
+                value = mean_transmittance(tau, y, any(vabs(y) > THICK));
             }
             tau_above[c] += z;
             sum[c] += weight[c] * (phase * length) * (layer->sigma_s[c] * value);
@@ -340,10 +340,10 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
 INLINE void add_substrate(const struct layered_work *work, const struct step *s, const struct path *path, const vf path_tau[3],
                           const vf colour[3], const vf base[3], vf sum[3])
 {
-    const vf facing = greater(dot3(s->normal, path->dir), all(0.0f)), rate = work->exponential ? 1.0f + path->km_slope : all(1.0f);
+    const vf facing = vmax(dot3(s->normal, path->dir), splat(0.0f)), rate = work->exponential ? 1.0f + path->km_slope : splat(1.0f);
 
     for (int c = 0; c < 3; c++) {
-        const vf back = work->exponential ? path->km_slope * 0.5f * s->step_tau[c] : all(0.0f);
+        const vf back = work->exponential ? path->km_slope * 0.5f * s->step_tau[c] : splat(0.0f);
         sum[c] += s->hits_substrate * path->beam * colour[c] * base[c] * facing *
                   exp2_neg(s->tau[c] + path_tau[c] - back + rate * s->step_tau[c]);
     }
@@ -361,20 +361,20 @@ INLINE void locate_sample(const struct layered_medium *m, const struct layered_p
     if (p->thin) {
         const vf depth_far = (ray->exit - s->x) * ray->exit_rate;
         s->far = depth_far < depth_near;
-        s->depth = greater(select(s->far, depth_far, depth_near), all(0.0f));
+        s->depth = vmax(select(s->far, depth_far, depth_near), splat(0.0f));
     }
     for (int k = 0; k < 3; k++) {
         s->at[k] = ray->p[k] + s->x * ray->w[k];
         blend[k] = (1.0f - s->t) * ray->n[k] + s->t * ray->s[k];
     }
-    inv_length = 1.0f / root(greater(dot3(blend, blend), all(1e-12f)));
-    s->plane_distance = all(0.0f);
+    inv_length = 1.0f / vsqrt(vmax(dot3(blend, blend), splat(1e-12f)));
+    s->plane_distance = splat(0.0f);
     for (int k = 0; k < 3; k++) {
         s->plane[k] = blend[k] * inv_length;
         s->normal[k] = select(s->far, ray->exit_normal[k], s->plane[k]);
         s->plane_distance += (s->t * ray->h * ray->n[k] - s->x * ray->w[k]) * s->plane[k];
     }
-    s->plane_distance = magnitude(s->plane_distance);
+    s->plane_distance = vabs(s->plane_distance);
     for (int i = 0; i < m->packs; i++) {
         const struct layered_lookup *lookup = &p->lookup[i];
         vf u = load(lookup->u[0] + lane) + s->x * load(lookup->du[0] + lane),
@@ -430,7 +430,7 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
         colour[c] *= path.tint[c];
     attenuation(work, m, s, &path, source->any_nodes || p->thin, path_tau);
     for (int c = 0; c < 3; c++) { /* light from below gets brighter on the way down, so its own path gives no bound */
-        const vf bound = source->any_nodes || p->thin ? all(0.0f) : path_tau[c];
+        const vf bound = source->any_nodes || p->thin ? splat(0.0f) : path_tau[c];
         within_bound |= s->tau[c] + bound <= work->max_tau2;
     }
     path.beam = (vf) ((vi) path.beam & light_state->lit);
@@ -465,7 +465,7 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
     const int n = work->samples;
     const float *edges = edges_of(m, p);
     vf sum[3] = { { 0 } }, gain = load(p->gain + lane);
-    vi any_lit = (vi) all(0.0f) == 0;
+    vi any_lit = (vi) splat(0.0f) == 0;
     struct light_state light_state[LAYERED_GROUP];
     struct step s;
     struct ray ray;
@@ -483,15 +483,15 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
     ray.exit_rate = load(p->exit_rate + lane);
     ray.inv_rate = 1.0f / ray.rate;
     ray.inv_exit_rate = 1.0f / ray.exit_rate;
-    ray.inv_length = 1.0f / greater(ray.length, all(1e-20f));
+    ray.inv_length = 1.0f / vmax(ray.length, splat(1e-20f));
     for (int l = 0; l < count; l++) {
         light_state[l].lit = any_lit;
         for (int k = 0; k < 3; k++)
             light_state[l].entry[k] = ray.p[k];
     }
     for (int c = 0; c < 3; c++)
-        s.tau[c] = all(0.0f);
-    s.alive = all(1.0f);
+        s.tau[c] = splat(0.0f);
+    s.alive = splat(1.0f);
     if (m->packs == 0)
         order_depths(m, s.bottom);
     for (int i = 0; i < n && any((s.alive > 0.0f) & any_lit); i++) {
@@ -501,7 +501,7 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
         s.inv_x = ray.inv_length * (1.0f / s.t);
         locate_sample(m, p, &ray, &s);
         find_layers(work, m, &ray, &s);
-        s.hits_substrate = all(0.0f);
+        s.hits_substrate = splat(0.0f);
         if (p->shows_substrate) {
             const vi ends = i + 1 == n ? load_int(p->ends_deep + lane) : (vi) { 0 };
             s.hits_substrate = (vf) ((vi) s.alive & ((s.hidden > 0.0f) | ends));
@@ -519,7 +519,7 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
     }
     for (int c = 0; c < 3; c++) {
         const vf light = sum[c] * gain, kept = load(p->light[c] + lane);
-        store(p->light[c] + lane, kept + select((light >= 0.0f) & (light < 1e30f), light, all(0.0f)));
+        store(p->light[c] + lane, kept + select((light >= 0.0f) & (light < 1e30f), light, splat(0.0f)));
     }
 }
 

@@ -43,14 +43,14 @@ INLINE vf inverse_root(vf x)
 
 INLINE vf clamped(vf x, float low, float high)
 {
-    return lesser(greater(x, all(low)), all(high)); /* NaN becomes `low` */
+    return vmin(vmax(x, splat(low)), splat(high)); /* NaN becomes `low` */
 }
 
 /* Floor of numbers within 2^30. */
 INLINE vf floor_v(vf x)
 {
     const vf cut = __builtin_convertvector(__builtin_convertvector(x, vi), vf);
-    return cut + (vf) ((cut > x) & (vi) all(-1.0f));
+    return cut + (vf) ((cut > x) & (vi) splat(-1.0f));
 }
 
 #define LN2 0.693147181f
@@ -61,7 +61,7 @@ INLINE vf floor_v(vf x)
 /* 2^-x for x >= 0, relative error below 3e-6; 1 for x < 0, which can follow from a path's slope; 1e-38 for x > 126 and for NaN. */
 INLINE vf exp2_neg(vf x)
 {
-    const vf y = greater(lesser(x, all(126.0f)), all(0.0f)), k = y + ROUND, r = (k - ROUND) - y;
+    const vf y = vmax(vmin(x, splat(126.0f)), splat(0.0f)), k = y + ROUND, r = (k - ROUND) - y;
     const vf p = 0.99999926f + r * (0.69312181f + r * (0.24024745f + r * (0.05591786f + r * 0.0095701019f)));
     return (vf) ((vi) p - ((vi) k << 23));
 }
@@ -70,7 +70,7 @@ INLINE vf exp2_neg(vf x)
  * ln 2). Evaluated as a series unless some lane is `thick`. */
 INLINE vf mean_transmittance(vf tau, vf y, bool thick)
 {
-    const vf y2 = y * y, size = magnitude(y);
+    const vf y2 = y * y, size = vabs(y);
     vf value = exp2_neg(tau) * (1.0f + y2 * (LN2 * LN2 / 6.0f + y2 * (LN2 * LN2 * LN2 * LN2 / 120.0f)));
 
     if (thick)
@@ -105,8 +105,8 @@ INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf righ
         p[k] = (vf) _mm512_inserti64x4(_mm512_castsi256_si512(_mm256_loadu_si256(TEXEL(k))), _mm256_loadu_si256(TEXEL(k + 4)), 1);
         q[k] = (vf) _mm512_inserti64x4(_mm512_castsi256_si512(_mm256_loadu_si256(TEXEL(k + 8))), _mm256_loadu_si256(TEXEL(k + 12)), 1);
     }
-    turn4(p, first);
-    turn4(q, second);
+    transpose4(p, first);
+    transpose4(q, second);
     for (int k = 0; k < 4; k++) {
         left[k] = (vf) _mm512_shuffle_i32x4((__m512i) first[k], (__m512i) second[k], 0x88);
         right[k] = (vf) _mm512_shuffle_i32x4((__m512i) first[k], (__m512i) second[k], 0xdd);
@@ -117,8 +117,8 @@ INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf righ
         p[k] = (vf) _mm256_loadu_si256(TEXEL(k));
         q[k] = (vf) _mm256_loadu_si256(TEXEL(k + 4));
     }
-    turn4(p, first);
-    turn4(q, second);
+    transpose4(p, first);
+    transpose4(q, second);
     for (int k = 0; k < 4; k++) {
         left[k] = (vf) _mm256_permute2x128_si256((__m256i) first[k], (__m256i) second[k], 0x20);
         right[k] = (vf) _mm256_permute2x128_si256((__m256i) first[k], (__m256i) second[k], 0x31);
@@ -128,8 +128,8 @@ INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf righ
         memcpy(&p[k], TEXEL(k), sizeof(p[k]));
         memcpy(&q[k], (const char *) TEXEL(k) + sizeof(p[k]), sizeof(q[k]));
     }
-    turn4(p, left);
-    turn4(q, right);
+    transpose4(p, left);
+    transpose4(q, right);
 #endif
 #undef TEXEL
 }
@@ -180,8 +180,8 @@ INLINE void look_up_values(const struct layered_pack *pack, const struct layered
     x = u * w + 0.5f; /* 0 is the centre of the border texel */
     y = v * h + 0.5f;
     if (t->nearest) {
-        x = lesser(floor_v(u * w), w - 1.0f) + 1.0f;
-        y = lesser(floor_v(v * h), h - 1.0f) + 1.0f;
+        x = vmin(floor_v(u * w), w - 1.0f) + 1.0f;
+        y = vmin(floor_v(v * h), h - 1.0f) + 1.0f;
     }
     column = __builtin_convertvector(x, vi);
     row = __builtin_convertvector(y, vi);
@@ -214,8 +214,8 @@ INLINE void order_depths(const struct layered_medium *m, vf *depth)
 
     for (int j = 0; j < m->count; j++) {
         if (m->layer[j].pack < 0)
-            depth[j] = all(m->layer[j].depth);
-        above = greater(depth[j], above);
+            depth[j] = splat(m->layer[j].depth);
+        above = vmax(depth[j], above);
         depth[j] = above;
     }
 }
@@ -224,14 +224,14 @@ INLINE void order_depths(const struct layered_medium *m, vf *depth)
 
 INLINE vf lobe(const struct pell_phase_terms *f, int k, vf c)
 {
-    const vf x = greater(f->a[k] + f->b[k] * c, all(1e-12f));
-    return PELL_PHASE_HENYEY_GREENSTEIN(f->n[k], x, root(x));
+    const vf x = vmax(f->a[k] + f->b[k] * c, splat(1e-12f));
+    return PELL_PHASE_HENYEY_GREENSTEIN(f->n[k], x, vsqrt(x));
 }
 
 INLINE vf phase_value(const struct pell_phase_terms *f, vf c)
 {
     switch (f->shape) {
-    case PELL_PHASE_TERMS_ISOTROPIC: return all(f->n[0]);
+    case PELL_PHASE_TERMS_ISOTROPIC: return splat(f->n[0]);
     case PELL_PHASE_TERMS_SCHLICK: return PELL_PHASE_SCHLICK_OF(f->n[0], 1.0f + f->b[0] * c);
     case PELL_PHASE_TERMS_RAYLEIGH: return PELL_PHASE_RAYLEIGH_OF(f->n[0], c);
     case PELL_PHASE_TERMS_TWO_LOBE: return lobe(f, 0, c) + lobe(f, 1, c);

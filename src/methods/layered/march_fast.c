@@ -41,19 +41,19 @@ struct entry {
 INLINE void enter(const struct layered_light *source, int lane, float eta, const vf at[3], const vf plane[3], vf plane_distance,
                   struct beam *beam, struct entry *entry)
 {
-    const vf inv_distance = source->distant ? all(1.0f) : inverse_root(greater(beam->square, all(1e-12f)));
+    const vf inv_distance = source->distant ? splat(1.0f) : inverse_root(vmax(beam->square, splat(1e-12f)));
     const float inv_eta = 1.0f / eta;
     vf cosine, co, ci, ss, sp, denominator, normal_part, numerator;
 
     cosine = dot3(plane, beam->to) * inv_distance;
     co = clamped(cosine, 1e-4f, 1.0f);
-    ci = greater((1.0f - inv_eta * inv_eta) + (inv_eta * inv_eta) * (co * co), all(1e-12f));
+    ci = vmax((1.0f - inv_eta * inv_eta) + (inv_eta * inv_eta) * (co * co), splat(1e-12f));
     entry->inv_cosine = inverse_root(ci);
     ci *= entry->inv_cosine;
     ss = co + eta * ci;
     sp = eta * co + ci;
     denominator = ss * sp;
-    entry->inv_cosine = lesser(entry->inv_cosine, all(1.0f / LAYERED_GRAZING));
+    entry->inv_cosine = vmin(entry->inv_cosine, splat(1.0f / LAYERED_GRAZING));
     entry->km = plane_distance * entry->inv_cosine;
     normal_part = ci - cosine * inv_eta;
     for (int k = 0; k < 3; k++)
@@ -63,7 +63,7 @@ INLINE void enter(const struct layered_light *source, int lane, float eta, const
         load3(source->to, lane, position);
         for (int k = 0; k < 3; k++)
             beam->to[k] = position[k] - (at[k] + entry->km * entry->dir[k]);
-        beam->square = greater(dot3(beam->to, beam->to), all(1e-6f));
+        beam->square = vmax(dot3(beam->to, beam->to), splat(1e-6f));
     }
     numerator = (2.0f * eta) * (co * co) * (ss * ss + sp * sp) * beam->seen; /* (1 - R) co/ci */
     entry->strength = (vf) ((vi) (numerator / (denominator * denominator * beam->square)) & (cosine > 0.0f));
@@ -92,11 +92,11 @@ INLINE void start_light(const struct layered_light *source, int lane, const vf a
 {
     load3(source->to, lane, b->to);
     b->seen = load(source->seen + lane);
-    b->lit = (vi) all(0.0f) == 0;
-    b->square = all(1.0f);
+    b->lit = (vi) splat(0.0f) == 0;
+    b->square = splat(1.0f);
     for (int k = 0; k < 3; k++) {
         b->to[k] -= (vf) ((vi) at[k] & (source->distant ? 0 : -1));
-        b->light[k] = all(0.0f);
+        b->light[k] = splat(0.0f);
     }
     if (!source->distant)
         b->square = dot3(b->to, b->to);
@@ -114,15 +114,15 @@ INLINE void find_layers(const struct lanes *p, vf inv_rate, struct step *s, cons
         look_up(p->m, p->pack, p->lookup, p->lane, p->mapped, p->u, p->v, depths);
 #pragma GCC unroll 4
         for (int j = 0; j < layers; j++) {
-            s->bottom[j] = greater(j < p->mapped ? depths[j] : all(layer[j].depth), over);
+            s->bottom[j] = vmax(j < p->mapped ? depths[j] : splat(layer[j].depth), over);
             over = s->bottom[j];
         }
     }
     for (int c = 0; c < 3; c++)
-        s->tau[c] = s->half[c] = all(0.0f);
+        s->tau[c] = s->half[c] = splat(0.0f);
 #pragma GCC unroll 4
     for (int j = 0; j < layers; j++) {
-        const vf end = lesser(greater(s->bottom[j], s->low), s->high), end_middle = lesser(end, s->middle);
+        const vf end = vmin(vmax(s->bottom[j], s->low), s->high), end_middle = vmin(end, s->middle);
         s->length[j] = (end - s->above) * inv_rate;
         if (any(s->length[j] > 0.0f)) {
             const vf before = (end_middle - above_middle) * inv_rate;
@@ -152,8 +152,8 @@ INLINE void add_light(const struct lanes *p, const struct step *s, const struct 
                 other);
 #pragma GCC unroll 4
     for (int j = 0; j + 1 < layers; j++) {
-        over = greater(p->pack && j < p->mapped ? other[j] : all(layer[j].depth), over);
-        reach = lesser(s->plane_distance, 0.5f * (over + s->bottom[j]));
+        over = vmax(p->pack && j < p->mapped ? other[j] : splat(layer[j].depth), over);
+        reach = vmin(s->plane_distance, 0.5f * (over + s->bottom[j]));
         for (int c = 0; c < 3; c++)
             start[c] += reach * (layer[j].sigma_t2[c] - layer[j + 1].sigma_t2[c]);
     }
@@ -178,7 +178,7 @@ INLINE void add_light(const struct lanes *p, const struct step *s, const struct 
             }
         }
     }
-    b->lit &= ~(lesser(lesser(start[0], start[1]), start[2]) > most);
+    b->lit &= ~(vmin(vmin(start[0], start[1]), start[2]) > most);
 }
 
 INLINE void fast_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
@@ -188,10 +188,10 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
     const int n = work->samples;
     const float *edges = m->edges[0];
     const vf length = load(p->length + lane), rate = load(p->rate + lane), inv_rate = 1.0f / rate;
-    const vf inv_length = 1.0f / greater(length, all(1e-20f)), full_depth = rate * length;
+    const vf inv_length = 1.0f / vmax(length, splat(1e-20f)), full_depth = rate * length;
     vf at[3], normal[3], normal_change[3], lag[3], u = { 0 }, v = { 0 }, du = { 0 }, dv = { 0 };
     vf h = load(p->h + lane), gain = load(p->gain + lane);
-    struct lanes k = { .m = m, .pack = m->packs > 0 ? &m->pack[0] : NULL, .lookup = p->lookup, .lane = lane, .alive = all(1.0f) };
+    struct lanes k = { .m = m, .pack = m->packs > 0 ? &m->pack[0] : NULL, .lookup = p->lookup, .lane = lane, .alive = splat(1.0f) };
     struct beam beams[LAYERED_GROUP];
     struct entry entries[LAYERED_GROUP];
     struct step s;
@@ -216,7 +216,7 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
     for (int l = 0; l < count; l++)
         start_light(&sources[l], lane, at, &beams[l]);
     for (int j = 0; j < layers; j++)
-        s.bottom[j] = greater(all(layer[j].depth), j > 0 ? s.bottom[j > 0 ? j - 1 : 0] : all(0.0f));
+        s.bottom[j] = vmax(splat(layer[j].depth), j > 0 ? s.bottom[j > 0 ? j - 1 : 0] : splat(0.0f));
 
     for (int i = 0; i < n; i++) {
         const float t = 0.5f * (edges[i] + edges[i + 1]);
@@ -228,8 +228,8 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
             plane[a] = normal[a] + t * normal_change[a];
             m_at[a] = at[a] + x * k.dir[a];
         }
-        inv_norm = inverse_root(greater(dot3(plane, plane), all(1e-12f)));
-        s.slope = magnitude(dot3(lag, plane)) * inv_norm;
+        inv_norm = inverse_root(vmax(dot3(plane, plane), splat(1e-12f)));
+        s.slope = vabs(dot3(lag, plane)) * inv_norm;
         for (int a = 0; a < 3; a++)
             plane[a] *= inv_norm;
         s.plane_distance = s.slope * x;
@@ -258,7 +258,7 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
         for (int l = 0; l < count; l++)
             light += load(sources[l].power[c] + lane) * beams[l].light[c];
         light *= gain;
-        store(p->light[c] + lane, load(p->light[c] + lane) + select((light >= 0.0f) & (light < 1e30f), light, all(0.0f)));
+        store(p->light[c] + lane, load(p->light[c] + lane) + select((light >= 0.0f) & (light < 1e30f), light, splat(0.0f)));
     }
 }
 

@@ -9,8 +9,8 @@
 #define INT vi
 #define FN(name) lanes_##name
 #define PICK(c, a, b) select((c), (a), (b))
-#define ALL(x) all(x)
-#define ROOT(x) root(x)
+#define ALL(x) splat(x)
+#define ROOT(x) vsqrt(x)
 #define AS_REAL(i) __builtin_convertvector(i, vf)
 #define AS_INT(x) __builtin_convertvector(x, vi)
 #define BITS(x) ((vi) (x))
@@ -45,7 +45,7 @@ INLINE vi mask_of(uint32_t set, int l)
 
 INLINE uint32_t set_of(vi mask, int l)
 {
-    return members(mask) << l;
+    return movemask(mask) << l;
 }
 
 INLINE void put(float *p, vi mask, vf v)
@@ -151,7 +151,7 @@ INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const flo
     {
         const vf b0 = load(w->beta[0] + l), b1 = load(w->beta[1] + l), b2 = load(w->beta[2] + l), t = load(u + l) * (b0 + b1 + b2);
         const vi second = t >= b0, third = second & (t - b0 >= b1), two = third & (b2 > 0.0f), one = second & ~two & (b1 > 0.0f);
-        store(out + l, select(two, all(of[2]), select(one, all(of[1]), all(of[0]))));
+        store(out + l, select(two, splat(of[2]), select(one, splat(of[1]), splat(of[0]))));
         if (channel)
             store_int(channel + l, (two & 2) | (one & 1));
     }
@@ -172,7 +172,7 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_
         for (int k = 0; k < 3; k++)
             inside &= (load(w->x[k] + l) >= g->low[k]) & (load(w->x[k] + l) <= g->high[k]);
         for (int k = 0; k < 3; k++) {
-            const vf x = select(inside, load(w->x[k] + l), all(g->low[k]));
+            const vf x = select(inside, load(w->x[k] + l), splat(g->low[k]));
             const vi i = __builtin_convertvector((x - g->low[k]) * g->inverse_side, vi), last = (vi) { 0 } + (g->size[k] - 1);
             at[k] = (i & (i < last)) | (last & ~(i < last));
             off[k] = x - (g->low[k] + (__builtin_convertvector(at[k], vf) + 0.5f) * g->side);
@@ -185,8 +185,8 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_
         steps[l] = (float) g->steps[cube[l]];
     EACH(l)
     {
-        const vf known = load(steps + l) * g->unit, offset = root(load(offset2 + l)), b = known - (offset + 5e-7f * (known + offset));
-        store(out + l, select(mask_of(set, l) & (b > 0.0f), b, all(0.0f)));
+        const vf known = load(steps + l) * g->unit, offset = vsqrt(load(offset2 + l)), b = known - (offset + 5e-7f * (known + offset));
+        store(out + l, select(mask_of(set, l) & (b > 0.0f), b, splat(0.0f)));
     }
 }
 
@@ -209,7 +209,7 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     if (m->gray) {
         EACH(l)
         {
-            store(mean_free_path + l, all(m->mean_free_path[0]));
+            store(mean_free_path + l, splat(m->mean_free_path[0]));
             store_int(w->channel + l, (vi) { 0 });
         }
     } else {
@@ -223,7 +223,7 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
         const vi free = length < safe, mask = mask_of(on, l);
         store(w->length + l, length);
         for (int c = 0; c < 3; c++)
-            store(w->inverse_stay[c] + l, all(1.0f));
+            store(w->inverse_stay[c] + l, splat(1.0f));
         put(w->safe + l, mask & free, safe - length);
         beyond_safe |= set_of(mask & ~free, l);
     }
@@ -233,10 +233,10 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
         bound(p->grid, w, beyond_safe, grid_bound);
     EACH(l)
     {
-        const vf safe = p->grid ? load(grid_bound + l) - load(w->length + l) : all(0.0f);
+        const vf safe = p->grid ? load(grid_bound + l) - load(w->length + l) : splat(0.0f);
         const vi mask = mask_of(beyond_safe, l), free = safe > 0.0f;
-        store(w->bound + l, p->grid ? greater(load(grid_bound + l), load(w->safe + l)) : load(w->safe + l));
-        put(w->safe + l, mask, select(free, safe, all(0.0f)));
+        store(w->bound + l, p->grid ? vmax(load(grid_bound + l), load(w->safe + l)) : load(w->safe + l));
+        put(w->safe + l, mask, select(free, safe, splat(0.0f)));
         rays |= set_of(mask & ~free, l);
     }
     return rays;
@@ -269,13 +269,13 @@ static uint32_t select_connections(struct pt_wavefront_lanes *w, const struct pt
         bound(p->grid, w, connecting, near);
         EACH(l)
         {
-            put(w->safe + l, mask_of(connecting, l), greater(load(near + l), load(w->safe + l)));
+            put(w->safe + l, mask_of(connecting, l), vmax(load(near + l), load(w->safe + l)));
             connecting &= set_of(load(reach + l) > load(near + l), l) | ~(((1u << WIDTH) - 1u) << l);
         }
     }
     EACH(l)
     {
-        const vf selection = load(w->selection + l) + select(load_int(w->scattered + l) <= 1, all(1.0f), all(p->fraction));
+        const vf selection = load(w->selection + l) + select(load_int(w->scattered + l) <= 1, splat(1.0f), splat(p->fraction));
         const vi mask = mask_of(connecting, l), has = selection >= 1.0f;
         put(w->selection + l, mask, select(has, selection - 1.0f, selection));
         selected |= set_of(mask & has, l);
@@ -307,7 +307,7 @@ static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_
             for (int c = 0; c < 3; c++)
                 beta[c] *= m->sigma_s[c] / m->sigma_t[c] / load(w->inverse_stay[c] + l);
         } else {
-            vf density = all(0.0f), scale;
+            vf density = splat(0.0f), scale;
             sum = beta[0] + beta[1] + beta[2];
             for (int c = 0; c < 3; c++) {
                 t[c] = lanes_exp(-m->sigma_t[c] * length);
@@ -315,7 +315,7 @@ static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_
             }
             scale = sum / density;
             for (int c = 0; c < 3; c++)
-                beta[c] = select(density > 0.0f, beta[c] * m->sigma_s[c] * t[c] * scale, all(0.0f));
+                beta[c] = select(density > 0.0f, beta[c] * m->sigma_s[c] * t[c] * scale, splat(0.0f));
         }
         for (int c = 0; c < 3; c++)
             put(w->beta[c] + l, mask, beta[c]);
@@ -351,7 +351,7 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
         if (m->isotropic)
             lanes_uniform_sphere(load(u + l), load(v + l), to);
         else
-            lanes_rotate(from, lanes_hg_cosine(m->alike ? all(m->g[0]) : load(g + l), load(u + l)), load(v + l), to);
+            lanes_rotate(from, lanes_hg_cosine(m->alike ? splat(m->g[0]) : load(g + l), load(u + l)), load(v + l), to);
         for (int k = 0; k < 3; k++)
             put(w->w[k] + l, mask, to[k]);
         if (!m->alike) {

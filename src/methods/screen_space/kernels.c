@@ -14,7 +14,7 @@ struct ratio {
 
 INLINE struct ratio grid_ratio(vf u)
 {
-    const vf low = lesser(u, (vf) { 0 } + WIDE), u2 = low * low, u3 = u2 * low, u4 = u2 * u2, a = GRID_A(u3), b = GRID_B(u4);
+    const vf low = vmin(u, (vf) { 0 } + WIDE), u2 = low * low, u3 = u2 * low, u4 = u2 * u2, a = GRID_A(u3), b = GRID_B(u4);
     return (struct ratio) { GRID_NUMERATOR(low, u3, a, b), a * b, u - low };
 }
 
@@ -96,7 +96,7 @@ INLINE void scale_kernel(const struct screen_work *w, size_t index, int axis, st
         const vf u1 = (b->uniform ? zero + b->after : load(b->afters + part)) * to_px;
         const vf u0 = (b->uniform ? zero + b->before : load(b->befores + part)) * to_px;
         const vf add = b->wide ? u1 - u0 : b->bare ? grid_variance(u1) : grid_difference(u1, u0);
-        const vf inverse = one / (root(greater(add, zero + S2_MIN)) * a), mix = greater(lesser(add * (1.0f / S2_MIN_VARIANCE), one), zero);
+        const vf inverse = one / (vsqrt(vmax(add, zero + S2_MIN)) * a), mix = vmax(vmin(add * (1.0f / S2_MIN_VARIANCE), one), zero);
 
         store(job->kernel_scale + part, inverse * K_SCALE_ROOT);
         store(job->fraction + part, inverse * mix * (K_NORM * (float) b->stride));
@@ -117,8 +117,8 @@ INLINE void settle(const struct job *job, const float *const row[3], float (*res
         vf keep = one - weight;
 
         if (any(weight > one)) { /* if lengths vary too fast, the weight of the pixel itself is negative */
-            fraction = fraction / greater(weight, one);
-            keep = greater(keep, (vf) { 0 });
+            fraction = fraction / vmax(weight, one);
+            keep = vmax(keep, (vf) { 0 });
         }
         for (int i = 0; i < 3; i++)
             store(&result[i][part], load(&job->light[i][part]) * fraction + keep * load(row[i] + job->x + part));

@@ -74,12 +74,12 @@ INLINE void load_block(const struct screen_work *w, int x, int y, int x0, int x1
     for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH) {
         const vf depth = load(z + lane), strength = load(strengths + lane);
         const vi good = (depth > zero) & (depth < 1e12f);
-        const vf d = select(good, depth, zero), mm = d * w->depth_mm + w->fixed_mm, s = lesser(strength, one);
-        const vf size = lesser(s * s * w->ratio2 / select(good, mm * mm, one), zero + 1e30f);
+        const vf d = select(good, depth, zero), mm = d * w->depth_mm + w->fixed_mm, s = vmin(strength, one);
+        const vf size = vmin(s * s * w->ratio2 / select(good, mm * mm, one), zero + 1e30f);
         const vf scale = select(good & (strength > zero), size, zero);
         store(&w->depth[to + (size_t) lane], d);
         store(&w->scale[to + (size_t) lane], scale);
-        count += __builtin_popcount(members(scale > zero));
+        count += __builtin_popcount(movemask(scale > zero));
         store(most + lane, scale);
         store(least + lane, select(scale > zero, zero - scale, zero - 1e30f));
     }

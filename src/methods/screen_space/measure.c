@@ -96,8 +96,8 @@ PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, in
             const vf both = STEP_PRODUCT(mm, dx, dy, tx, ty, ray2);
             const vi on = (own > zero) & (z > zero) & (x2 > zero) & (y2 > zero);
             const vf crease = mm * CREASE;
-            rough |= (magnitude(left) > jump) | (magnitude(right) > jump) | (magnitude(above) > jump) | (magnitude(under) > jump) |
-                     (magnitude(right - left) > crease) | (magnitude(under - above) > crease);
+            rough |= (vabs(left) > jump) | (vabs(right) > jump) | (vabs(above) > jump) | (vabs(under) > jump) |
+                     (vabs(right - left) > crease) | (vabs(under - above) > crease);
             store(w->length[0] + at, select(on, x2, zero));
             store(w->length[1] + at, select(on, y2, zero));
             store(w->to_px[0] + at, select(on, both, zero));
@@ -124,7 +124,7 @@ PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, in
                 const vf size2 = axis == 0 ? x2 : d2;
                 const vi on = size2 > zero;
                 const vf to_px = select(on, facing / select(on, size2, one), zero);
-                store(w->length[axis] + at, root(select(on, size2, zero)));
+                store(w->length[axis] + at, vsqrt(select(on, size2, zero)));
                 store(w->to_px[axis] + at, to_px);
                 store(most[axis] + part, to_px);
                 store(least[axis] + part, select(to_px > zero, zero - to_px, zero - 1e30f));

@@ -203,15 +203,15 @@ struct pixel_vector { /* a vector of pixels of a block */
 /* The cubic that contains a fraction of the extent, and the position in it. */
 INLINE vf in_cubic(vf fraction, vi *k)
 {
-    const vf p = root(lesser(fraction, all(1.0f))) * (float) SCREEN_FACTOR_PARTS, last = all(SCREEN_FACTOR_PARTS - 1);
+    const vf p = vsqrt(vmin(fraction, splat(1.0f))) * (float) SCREEN_FACTOR_PARTS, last = splat(SCREEN_FACTOR_PARTS - 1);
 
-    *k = __builtin_convertvector(lesser(p, last), vi);
+    *k = __builtin_convertvector(vmin(p, last), vi);
     return p - __builtin_convertvector(*k, vf);
 }
 
 INLINE vf cubic(const float (*a)[SCREEN_FACTOR_PARTS], vi k, vf t)
 {
-    return pick32(a[0], k) + t * (pick32(a[1], k) + t * (pick32(a[2], k) + t * pick32(a[3], k)));
+    return lookup32(a[0], k) + t * (lookup32(a[1], k) + t * (lookup32(a[2], k) + t * lookup32(a[3], k)));
 }
 
 /* The pixels at `offset` on the line, `ahead` steps along it. */
@@ -220,8 +220,9 @@ INLINE void add_taps(const struct block_pass *b, const int offset[2], float ahea
     const struct screen_work *w = b->w;
     const struct pell_rect *rect = &w->in->rect;
     const ptrdiff_t at = (ptrdiff_t) p->index + offset[1] * w->stride + offset[0];
-    const vf zero = all(0.0f), x = p->x + (float) offset[0], length = load(w->length[b->axis] + at), depth = load(w->depth + at);
-    const vi valid = p->on & (load(w->key + at) == p->key) & (length > zero) & (x >= all((float) rect->x0)) & (x < all((float) rect->x1));
+    const vf zero = splat(0.0f), x = p->x + (float) offset[0], length = load(w->length[b->axis] + at), depth = load(w->depth + at);
+    const vi valid =
+        p->on & (load(w->key + at) == p->key) & (length > zero) & (x >= splat((float) rect->x0)) & (x < splat((float) rect->x1));
     vf h, dx, dy, dz, d2, spacing, near, far, size;
     vi known, k0, k1;
 
@@ -234,11 +235,11 @@ INLINE void add_taps(const struct block_pass *b, const int offset[2], float ahea
     d2 = dx * dx + dy * dy + dz * dz;
     if (b->axis == 1) { /* offset of the nearest pixel from the line */
         const vf across = ((float) offset[0] + ahead * b->skew) * p->length0;
-        d2 = greater(d2 - across * across, zero);
+        d2 = vmax(d2 - across * across, zero);
     }
-    spacing = root(d2) / all(fabsf(ahead));
+    spacing = vsqrt(d2) / splat(fabsf(ahead));
     known = valid & (spacing > zero);
-    size = length / select(known, spacing, all(1.0f));
+    size = length / select(known, spacing, splat(1.0f));
     near = in_cubic(edge[0] * spacing * p->per_mm, &k0);
     far = in_cubic(edge[1] * spacing * p->per_mm, &k1);
     for (int c = 0; c < 3; c++) {
@@ -256,7 +257,7 @@ INLINE int blur_block(const struct block_pass *b, const struct screen_cell *cell
     const struct pell_rect *rect = &w->in->rect;
     const float extent = w->factors->extent_mm[cell->material];
     const size_t first = (size_t) (b->y * w->stride + x0);
-    const vf zero = all(0.0f);
+    const vf zero = splat(0.0f);
     int active = 0;
 
     for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH) {
@@ -270,8 +271,8 @@ INLINE int blur_block(const struct block_pass *b, const struct screen_cell *cell
         p.depth = load(w->depth + p.index);
         p.length0 = load(w->length[0] + p.index);
         p.column = load(w->columns_tan + x0 + lane);
-        p.per_mm = all(1.0f) / (extent * root(select(p.on, scale, all(1.0f))) * (p.depth * w->depth_mm + w->fixed_mm));
-        active += __builtin_popcount(members(p.on));
+        p.per_mm = splat(1.0f) / (extent * vsqrt(select(p.on, scale, splat(1.0f))) * (p.depth * w->depth_mm + w->fixed_mm));
+        active += __builtin_popcount(movemask(p.on));
         for (int tap = 0; tap < 2 * line->count && any(p.on); tap++) {
             const int i = tap / 2;
             const float ahead = (float) (tap % 2 ? line->at[i] : -line->at[i]);
@@ -282,7 +283,7 @@ INLINE int blur_block(const struct block_pass *b, const struct screen_cell *cell
                 add_taps(b, offset, ahead, line->edge + i, &p);
         }
         for (int c = 0; c < 3; c++) {
-            const vf integral = all(b->factor->integral[c]), sum = p.light[c] + (integral - p.weight[c]) * load(b->from[c] + p.index);
+            const vf integral = splat(b->factor->integral[c]), sum = p.light[c] + (integral - p.weight[c]) * load(b->from[c] + p.index);
             const vi less = (p.weight[c] > integral) & (integral > zero); /* lengths vary too fast */
             store(&out[c][lane], w->term > 0 ? sum : select(less, p.light[c] * (integral / select(less, p.weight[c], integral)), sum));
         }

@@ -32,7 +32,7 @@ INLINE float kernel_of(float shifted)
 /* Adds a tap whose distance gives y' = `y`: the weight is K times the length covered by its pixel. */
 INLINE void weigh(const struct around *a, ptrdiff_t at, vf y, const struct centre *c, bool several, struct gathered *g)
 {
-    const vf shifted = lesser(y, (vf) { 0 } + Y_MAX) + Y_SHIFT;
+    const vf shifted = vmin(y, (vf) { 0 } + Y_MAX) + Y_SHIFT;
     vf q = shifted * shifted + Q_MIN, weight;
 
     q *= q;
@@ -132,7 +132,7 @@ INLINE void skewed_tap(const struct screen_work *w, const struct around *a, int 
     const vf z = load(a->depth + at), h = z * l->grow + l->shift, dz = (z - c->depth) * c->kernel_scale;
     const vf y = dz * (h * p.cross_term + dz * l->ray2) + h * h * p.distance2_px;
 
-    weigh(a, at, greater(y - p.off_line2, (vf) { 0 }), c, several, g);
+    weigh(a, at, vmax(y - p.off_line2, (vf) { 0 }), c, several, g);
 }
 
 INLINE void skewed_line(const struct screen_work *w, const struct around *a, vf across, const struct job *job, const struct centre *c,

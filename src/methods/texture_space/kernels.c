@@ -18,7 +18,7 @@
 
 INLINE vf kernel(vf y)
 {
-    const vf a = lesser(y, (vf) { 0 } + Y_SHIFT) - 1.0f;
+    const vf a = vmin(y, (vf) { 0 } + Y_SHIFT) - 1.0f;
     vf k = (a * a + 1.0f) * 0.5f;
 
     k *= k;
@@ -31,7 +31,7 @@ INLINE vf kernel(vf y)
  * subtracted. */
 INLINE vf on_grid(float variance, vf density2, float read_variance)
 {
-    return greater(density2 * variance - read_variance, (vf) { 0 });
+    return vmax(density2 * variance - read_variance, (vf) { 0 });
 }
 
 INLINE float on_grid1(float variance, float length, float read_variance)
@@ -73,7 +73,7 @@ INLINE void side(const struct ts_work *w, const struct centre *m, const struct l
         here = load(w->length[axis] + at);
         distance += (last + here) * half_stride;
         last = here;
-        weight = kernel(distance * distance * m->kernel_scale) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
+        weight = kernel(distance * distance * m->kernel_scale) * here * vmax(distance * tilt + 1.0f, (vf) { 0 });
         weight = (vf) ((vi) weight & (load(w->key + at) == m->key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
@@ -100,7 +100,7 @@ INLINE void skewed_side(const struct ts_work *w, const struct centre *m, const s
         here = load(w->length[1] + at);
         distance += (last + here) * half_stride;
         last = here;
-        weight = kernel(distance * distance * m->kernel_scale) * here * greater(distance * tilt + 1.0f, (vf) { 0 });
+        weight = kernel(distance * distance * m->kernel_scale) * here * vmax(distance * tilt + 1.0f, (vf) { 0 });
         weight = (vf) ((vi) weight & (load(w->key + at) == m->key));
         g->weight += weight;
         for (int c = 0; c < planes; c++)
@@ -170,11 +170,11 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
         const vi inside = length > zero;
         const vf inverse = one / select(inside, length, one), density2 = inverse * inverse;
         const vf add = on_grid(w->after, density2, w->read_variance) - on_grid(w->before, density2, w->read_variance);
-        const vf mix = lesser(add * (1.0f / S2_MIN_VARIANCE), one);
+        const vf mix = vmin(add * (1.0f / S2_MIN_VARIANCE), one);
         const struct centre m = {
             .at = at,
             .key = load(w->key + at),
-            .kernel_scale = K_SCALE * density2 / greater(add, zero + S2_MIN),
+            .kernel_scale = K_SCALE * density2 / vmax(add, zero + S2_MIN),
             .tilt = w->tilts ? load(w->tilt[axis] + at) * inverse : zero,
         };
         struct gathered g;

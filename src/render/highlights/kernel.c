@@ -31,14 +31,14 @@ INLINE void add_taps(struct pell_highlights_block *restrict b, const struct pell
 
     for (int k = 0; k < count; k++) {
         const vf weight = load(w[k] + i), light = load(b->light[c] + taps[k].offset + i), hidden = load(b->hidden[c] + taps[k].offset + i);
-        const vi on = weight > all(0.0f);
-        seen += select(on, weight * light, all(0.0f));
-        both += select(on, weight * (light + hidden), all(0.0f));
+        const vi on = weight > splat(0.0f);
+        seen += select(on, weight * light, splat(0.0f));
+        both += select(on, weight * (light + hidden), splat(0.0f));
         if (!(taps[k].next > 0.0f))
             continue;
-        const vf next_weight = all(taps[k].next / taps[k].weight) * weight;
-        next += select(on, next_weight * light, all(0.0f));
-        next_all += select(on, next_weight * (light + hidden), all(0.0f));
+        const vf next_weight = splat(taps[k].next / taps[k].weight) * weight;
+        next += select(on, next_weight * light, splat(0.0f));
+        next_all += select(on, next_weight * (light + hidden), splat(0.0f));
     }
     store(b->seen[c] + i, seen);
     store(b->all[c] + i, both);

@@ -21,14 +21,14 @@ static void position(const struct pell_triangles16 *t, struct pell_ray_hit16 *pa
             b[k] = load(t->corner[1][k] + i) - a;
             c[k] = load(t->corner[2][k] + i) - a;
             store(position[k] + i, (a + u * b[k]) + v * c[k]);
-            largest = greater(largest, greater(magnitude(a), greater(magnitude(a + b[k]), magnitude(a + c[k])))); /* as rounded as that */
+            largest = vmax(largest, vmax(vabs(a), vmax(vabs(a + b[k]), vabs(a + c[k])))); /* as rounded as that */
         }
         for (int k = 0; k < 3; k++)
             g[k] = b[(k + 1) % 3] * c[(k + 2) % 3] - b[(k + 2) % 3] * c[(k + 1) % 3];
         for (int k = 0; k < 3; k++)
             n[k] = side * g[k];
-        length = root(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-        scale = select(length > 0.0f, 1.0f / length, all(1.0f));
+        length = vsqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        scale = select(length > 0.0f, 1.0f / length, splat(1.0f));
         store(ray->dx + i, -(n[0] * scale));
         store(ray->dy + i, -(n[1] * scale));
         store(ray->dz + i, -(n[2] * scale));

@@ -58,15 +58,15 @@ static void clear_invalid(int count, float *restrict r, float *restrict g, float
 
 INLINE void finish_filmic(vf exposure, const vf v[3], float *const display[3], int at)
 {
-    const vf e = PELL_FILMIC_SCALE * exposure, r = greater(e * v[0], all(0.0f)), g = greater(e * v[1], all(0.0f)),
-             b = greater(e * v[2], all(0.0f));
-    const vf in[3] = { lesser(PELL_FILMIC_TO_R(r, g, b), all(PELL_FILMIC_MOST)), lesser(PELL_FILMIC_TO_G(r, g, b), all(PELL_FILMIC_MOST)),
-                       lesser(PELL_FILMIC_TO_B(r, g, b), all(PELL_FILMIC_MOST)) };
+    const vf e = PELL_FILMIC_SCALE * exposure, r = vmax(e * v[0], splat(0.0f)), g = vmax(e * v[1], splat(0.0f)),
+             b = vmax(e * v[2], splat(0.0f));
+    const vf in[3] = { vmin(PELL_FILMIC_TO_R(r, g, b), splat(PELL_FILMIC_MOST)), vmin(PELL_FILMIC_TO_G(r, g, b), splat(PELL_FILMIC_MOST)),
+                       vmin(PELL_FILMIC_TO_B(r, g, b), splat(PELL_FILMIC_MOST)) };
     const vf x = PELL_FILMIC_CURVE(in[0]), y = PELL_FILMIC_CURVE(in[1]), z = PELL_FILMIC_CURVE(in[2]);
 
-    store(display[0] + at, lesser(greater(PELL_FILMIC_FROM_R(x, y, z), all(0.0f)), all(1.0f)));
-    store(display[1] + at, lesser(greater(PELL_FILMIC_FROM_G(x, y, z), all(0.0f)), all(1.0f)));
-    store(display[2] + at, lesser(greater(PELL_FILMIC_FROM_B(x, y, z), all(0.0f)), all(1.0f)));
+    store(display[0] + at, vmin(vmax(PELL_FILMIC_FROM_R(x, y, z), splat(0.0f)), splat(1.0f)));
+    store(display[1] + at, vmin(vmax(PELL_FILMIC_FROM_G(x, y, z), splat(0.0f)), splat(1.0f)));
+    store(display[2] + at, vmin(vmax(PELL_FILMIC_FROM_B(x, y, z), splat(0.0f)), splat(1.0f)));
 }
 
 /* Measures a whole block. */
@@ -77,7 +77,7 @@ INLINE void measure_block(float *restrict r, float *restrict g, float *restrict 
     vi covered = { 0 }, bad = { 0 };
 
     for (int at = 0; at < LANES; at += WIDTH) {
-        const vf sum = magnitude(load(r + at) + load(g + at) + load(b + at));
+        const vf sum = vabs(load(r + at) + load(g + at) + load(b + at));
         covered |= load(a + at) != 0.0f;
         bad |= ~(sum <= FLT_MAX);
     }
@@ -86,14 +86,14 @@ INLINE void measure_block(float *restrict r, float *restrict g, float *restrict 
     if (any(bad))
         clear_invalid(LANES, r, g, b, a, out);
     for (int at = 0; at < LANES; at += WIDTH) {
-        const vf sum = load(a + at), alpha = select(sum > 0.9999f, all(1.0f), sum); /* a sum of weights 1/n is rounded */
-        const vf l = PELL_LUMINANCE(load(r + at), load(g + at), load(b + at)) / select(alpha != 0.0f, alpha, all(1.0f));
+        const vf sum = load(a + at), alpha = select(sum > 0.9999f, splat(1.0f), sum); /* a sum of weights 1/n is rounded */
+        const vf l = PELL_LUMINANCE(load(r + at), load(g + at), load(b + at)) / select(alpha != 0.0f, alpha, splat(1.0f));
         const vi on = (alpha > 0.5f) & (l > 1e-30f);
-        const vf counted = select(on, l, all(0.0f)), before = load(largest + at);
+        const vf counted = select(on, l, splat(0.0f)), before = load(largest + at);
         store(a + at, alpha);
-        store(factor + at, select(on, select(l < 1e30f, l, all(1e30f)), all(1.0f)));
+        store(factor + at, select(on, select(l < 1e30f, l, splat(1e30f)), splat(1.0f)));
         store(largest + at, select(counted > before, counted, before));
-        out->count += (double) __builtin_popcount(members(on));
+        out->count += (double) __builtin_popcount(movemask(on));
     }
     for (int i = 0; i < LANES; i++)
         p->mantissa[i] *= (double) factor[i];
@@ -141,7 +141,7 @@ INLINE void put(const float v[3], int count, float *const planes[3], int x)
 INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], const float *alpha, float *const display[3], int x)
 {
     for (int at = x; at < x + LANES; at += WIDTH) {
-        const vf a = load(alpha + at), transparency = 1.0f - a, e = t->exposure / select(a > t->min_alpha, a, all(1.0f));
+        const vf a = load(alpha + at), transparency = 1.0f - a, e = t->exposure / select(a > t->min_alpha, a, splat(1.0f));
         vf v[3], lum, l, scale;
 
         for (int c = 0; c < 3; c++) {
@@ -153,10 +153,10 @@ INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], 
             finish_filmic(e, v, display, at);
         } else {
             lum = e * PELL_LUMINANCE(v[0], v[1], v[2]);
-            l = greater(lum, all(0.0f));
+            l = vmax(lum, splat(0.0f));
             scale = PELL_TONE_SCALE(e, l, t->curve, t->white_scale);
             for (int c = 0; c < 3; c++)
-                store(display[c] + at, lesser(greater(v[c] * scale, all(0.0f)), all(1.0f)));
+                store(display[c] + at, vmin(vmax(v[c] * scale, splat(0.0f)), splat(1.0f)));
         }
         for (int c = 0; t->composites && c < 3; c++)
             store(display[c] + at, a * load(display[c] + at) + transparency * t->shown[c]);
