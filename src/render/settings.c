@@ -36,7 +36,7 @@ static const struct pell_knob settings_knobs[] = {
       "shadowed directional lights that represent an environment's bright parts" },
     { "bounces", PELL_KNOB_INT, "1", AT(bounces), { 8 }, 0, 64, NULL,
       "diffuse bounces: how often light that leaves a surface enters the same or another surface again; 0: never; path-trace has a knob of "
-      "its own, --set bounces=N" },
+      "that name" },
     { "indirect-samples", PELL_KNOB_INT, "1", AT(indirect_samples), { 16384 }, 64, 1 << 22, NULL,
       "approximate number of surface points at which indirect light (bounces) is gathered" },
     { "angles", PELL_KNOB_BOOL, "1", AT(angles), { 1 }, 0, 1, NULL,
