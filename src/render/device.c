@@ -85,6 +85,9 @@ enum pell_result pell_device_create(struct pell_context *ctx, const struct pell_
             ctx, params->threads,
             &(struct pell_gpu_params) { .device = params->vulkan_device, .cache = params->vulkan_cache, .shaders = params->vulkan_shaders },
             out);
+    if (params->engine != PELL_ENGINE_AUTO && params->engine != PELL_ENGINE_CPU)
+        return pell_error(ctx, PELL_ERR_DEVICE, "engine", "PELL_ENGINE_CPU, PELL_ENGINE_VULKAN", "there is no engine %d",
+                          (int) params->engine);
     return pell_device_create_with_engine(ctx, params->threads, PELL_ENGINE_CPU, &pell_engine_cpu, out);
 }
 

@@ -311,6 +311,8 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     r->translucent = (struct pell_rect) { 0 };
     r->noisy = r->scattered = false;
     PELL_TRY(check_camera(r->ctx, &r->scene->cameras[0]));
+    if (pell_scene_check_lights(r->scene) != PELL_OK)
+        return PELL_ERR_INVALID; /* whatever made the scene, a program changed its lights since */
     if (r->has_checkpoint && !(r->method && r->method->partial))
         return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->method ? r->method->name : "none", "path-trace does",
                           "keeps no state in a checkpoint file");

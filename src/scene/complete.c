@@ -23,8 +23,8 @@ static bool in_range(double value, double min, double max)
     return value >= min && value <= max;
 }
 
-static enum pell_result bad_value(struct pell_scene *scene, const char *kind, const char *name, const char *field, double value, double min,
-                                  double max)
+static enum pell_result bad_value(const struct pell_scene *scene, const char *kind, const char *name, const char *field, double value,
+                                  double min, double max)
 {
     struct pell_text where = { 0 };
     char shown[96];
@@ -296,18 +296,21 @@ static enum pell_result check_material(struct pell_scene *scene, const struct pe
     return res == PELL_OK ? check_layers(scene, m) : res;
 }
 
+static bool has_length(const float v[3])
+{
+    return vec3_max_abs(vec3_load(v)) > NO_LENGTH && isfinite(v[0] + v[1] + v[2]);
+}
+
 /* Makes a direction a unit vector; false if its length is zero. */
 static bool make_unit(float *v)
 {
-    const float largest = vec3_max_abs(vec3_load(v));
-
-    if (!(largest > NO_LENGTH) || !isfinite(v[0] + v[1] + v[2]))
+    if (!has_length(v))
         return false;
-    vec3_store(vec3_normalize(vec3_mul(vec3_load(v), 1.0f / largest)), v);
+    vec3_store(vec3_normalize(vec3_mul(vec3_load(v), 1.0f / vec3_max_abs(vec3_load(v)))), v);
     return true;
 }
 
-static enum pell_result check_light(struct pell_scene *scene, struct pell_light *l)
+static enum pell_result check_light_values(const struct pell_scene *scene, const struct pell_light *l)
 {
     for (int c = 0; c < 3; c++) {
         if (!in_range(l->position[c], -LARGEST_COORDINATE, LARGEST_COORDINATE))
@@ -321,20 +324,39 @@ static enum pell_result check_light(struct pell_scene *scene, struct pell_light 
         return bad_value(scene, "light", l->name, "its width or height (mm)", fminf(l->width, l->height), FLT_MIN, 1e9);
     if (l->type == PELL_LIGHT_DISC && !in_range(l->radius, FLT_MIN, 1e9))
         return bad_value(scene, "light", l->name, "its radius (mm)", l->radius, FLT_MIN, 1e9);
-    if (l->type == PELL_LIGHT_SPOT && !(in_range(l->cos_outer, -1.0, 1.0) && in_range(l->cos_inner, l->cos_outer, 1.0)))
-        return bad_value(scene, "light", l->name, "the cosine of its cone", l->cos_outer, -1.0, 1.0);
-    limit_texture(scene, l->image, 1e12f, "a light's image");
+    if (l->type == PELL_LIGHT_SPOT && !in_range(l->cos_outer, -1.0, 1.0))
+        return bad_value(scene, "light", l->name, "the cosine of its outer cone", l->cos_outer, -1.0, 1.0);
+    if (l->type == PELL_LIGHT_SPOT && !in_range(l->cos_inner, l->cos_outer, 1.0))
+        return bad_value(scene, "light", l->name, "the cosine of its inner cone", l->cos_inner, l->cos_outer, 1.0);
     if (!in_range(l->image_fov, 0.0, 3.1415925))
         return bad_value(scene, "light", l->name, "its image's angle", l->image_fov, 0.0, PELL_PI);
     if (!isfinite(l->rotate))
         return bad_value(scene, "light", l->name, "its rotation", l->rotate, -FLT_MAX, FLT_MAX);
+    if (l->type != PELL_LIGHT_ENVIRONMENT && l->type != PELL_LIGHT_POINT && !has_length(l->direction))
+        return bad_value(scene, "light", l->name, "the length of its direction", 0.0, FLT_MIN, FLT_MAX);
+    return PELL_OK;
+}
+
+enum pell_result pell_scene_check_lights(const struct pell_scene *scene)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; res == PELL_OK && i < scene->num_lights; i++)
+        res = check_light_values(scene, &scene->lights[i]);
+    return res;
+}
+
+static enum pell_result check_light(struct pell_scene *scene, struct pell_light *l)
+{
+    const enum pell_result res = check_light_values(scene, l);
+
+    if (res != PELL_OK)
+        return res;
+    limit_texture(scene, l->image, 1e12f, "a light's image");
     if (l->type == PELL_LIGHT_ENVIRONMENT)
         return PELL_OK;
-    if (!make_unit(l->direction)) {
-        if (l->type != PELL_LIGHT_POINT)
-            return bad_value(scene, "light", l->name, "the length of its direction", 0.0, FLT_MIN, FLT_MAX);
+    if (!make_unit(l->direction))
         vec3_store(vec3(0, 0, -1), l->direction);
-    }
     if (!make_unit(l->up))
         vec3_store(vec3(0, 1, 0), l->up);
     pell_scene_orthogonalize(l->direction, l->up);

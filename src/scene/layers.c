@@ -270,15 +270,20 @@ static bool same_medium(const struct pell_medium_layer *a, const struct pell_med
            memcmp(a->sigma_s_reduced, b->sigma_s_reduced, sizeof(a->sigma_s_reduced)) == 0;
 }
 
-/* Merges the two neighbours whose sum is thinnest; both have bottoms. */
-static void merge_thinnest(struct pell_medium_layer *layer, int count)
+/* Merges the two neighbours that are thinnest for their depth, as the deeper ones matter less; both have bottoms. */
+static void merge_least(struct pell_medium_layer *layer, int count)
 {
     struct pell_medium_layer *a = layer, *b;
-    double sum;
+    double least = INFINITY, above = 0.0, sum;
 
-    for (int i = 1; i + 1 < count; i++)
-        if (layer[i].thickness + layer[i + 1].thickness < a->thickness + a[1].thickness)
+    for (int i = 0; i + 1 < count; i++) {
+        const double both = layer[i].thickness + layer[i + 1].thickness, fraction = both / (above + both);
+        if (fraction <= least) {
+            least = fraction;
             a = &layer[i];
+        }
+        above += layer[i].thickness;
+    }
     b = a + 1;
     sum = a->thickness + b->thickness;
     for (int c = 0; c < 3; c++) {
@@ -349,7 +354,7 @@ static void make_stack(const struct pell_material *m, const double *bottoms, str
         above = bottoms[i];
     }
     while (count > PELL_LAYERS_MAX - 1) {
-        merge_thinnest(layer, count - *endless);
+        merge_least(layer, count - *endless);
         if (*endless)
             layer[count - 2] = layer[count - 1];
         count--;

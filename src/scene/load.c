@@ -106,8 +106,10 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
     PELL_TRY(pell_surroundings_read(loader->ctx, params, &extras.surroundings));
     if (!(fabs(params->time) <= 1e9))
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);
-    if (!(params->mm_per_unit >= 0.0) || !(params->size_mm >= 0.0) || !isfinite(params->mm_per_unit) || !isfinite(params->size_mm))
-        return pell_error(loader->ctx, PELL_ERR_INVALID, scale.where, NULL, "must be finite and not negative");
+    if (!(params->size_mm >= 0.0 && isfinite(params->size_mm)))
+        return pell_error(loader->ctx, PELL_ERR_INVALID, "--size", NULL, "is %g mm, must be finite and not negative", params->size_mm);
+    if (!(params->mm_per_unit >= 0.0 && isfinite(params->mm_per_unit)))
+        return pell_error(loader->ctx, PELL_ERR_INVALID, "--unit", NULL, "is %g mm, must be finite and not negative", params->mm_per_unit);
     mesh = !loader->is_scene_file && pell_scene_detect_format(path, data, size) != PELL_SCENE_SCENE;
     if (!mesh && params->up)
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--up", "rotate_deg of a mesh in the scene file turns it",

@@ -152,6 +152,8 @@ PELL_NODISCARD enum pell_result pell_scene_finish(struct pell_scene *scene, cons
                                                   const struct pell_extras *extras);
 /* Checks lights and cameras, and makes their directions unit vectors. */
 PELL_NODISCARD enum pell_result pell_scene_check_view(struct pell_scene *scene);
+/* The same values of lights, which a program may change between frames; nothing is mended. */
+PELL_NODISCARD enum pell_result pell_scene_check_lights(const struct pell_scene *scene);
 /* Gives marble to meshes for which the file names no material. */
 PELL_NODISCARD enum pell_result pell_scene_default_material(struct pell_scene *scene, bool quiet);
 /* Bounds of all vertices that triangles use. False if there are none, or they are not finite. */

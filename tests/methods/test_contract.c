@@ -548,11 +548,12 @@ static double second_moment(const struct test_device *at, const struct pell_meth
     return moment / sum;
 }
 
-/* The engines' results are equal (test_vulkan_parity.c), and a device's driver may be one for CPUs: fewer radii there. */
+/* The engines' results are equal (test_vulkan_parity.c), and a device's driver may be one for CPUs: fewer radii where 1024 samples of each
+ * pixel take long. */
 static void a_larger_radius_spreads_more(void **state)
 {
     const struct party *const on = *state;
-    const double step = on->engine == PELL_ENGINE_CPU ? 1.3 : 3.0;
+    const double step = on->engine == PELL_ENGINE_CPU || strcmp(on->method->name, "image-space") != 0 ? 1.3 : 3.0;
     struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
     double before = -1.0;
 

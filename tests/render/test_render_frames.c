@@ -582,9 +582,44 @@ static void cameras_that_show_nothing_are_refused(void **state)
     stage_finish(&s);
 }
 
+/* A program may set them in place; what a file may not say is refused in the next frame, and mended in the one after. */
+static void lights_out_of_range_are_refused(void **state)
+{
+    struct stage s;
+    struct pell_light *l;
+    float *value[4];
+
+    (void) state;
+    stage_start(&s, 16, 12);
+    furnish(&s);
+    stage_render(&s);
+    l = &s.scene->lights[1];
+    value[0] = &l->power[2];
+    value[1] = &l->position[0];
+    value[2] = &l->range;
+    value[3] = &l->rotate;
+    for (size_t i = 0; i < PELL_COUNT(value); i++) {
+        const float good = *value[i];
+        *value[i] = NAN;
+        pell_renderer_lights_changed(s.r);
+        s.kept.errors = 0;
+        assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_INVALID);
+        assert_int_equal(s.kept.errors, 1);
+        REQUIRE(strstr(s.kept.where, "light"));
+        *value[i] = good;
+        pell_renderer_lights_changed(s.r);
+        stage_render(&s);
+    }
+    l->power[0] = -5.0f;
+    assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_INVALID);
+    REQUIRE(strstr(s.kept.what, "its power is -5, allowed: [0, 1e+20]"));
+    stage_finish(&s);
+}
+
 static void what_is_missing_is_named(void **state)
 {
     const struct pell_device_params vulkan = { .engine = PELL_ENGINE_VULKAN, .vulkan_device = "no such device" };
+    const struct pell_device_params unknown = { .engine = (enum pell_engine) 77 };
     struct pell_device *device = (struct pell_device *) 1;
     struct pell_scene *empty;
     struct stage s;
@@ -594,6 +629,9 @@ static void what_is_missing_is_named(void **state)
     furnish(&s);
     assert_int_equal(pell_device_create(s.ctx, &vulkan, &device), PELL_ERR_DEVICE);
     assert_null(device);
+    assert_int_equal(pell_device_create(s.ctx, &unknown, &device), PELL_ERR_DEVICE);
+    assert_null(device);
+    REQUIRE(strstr(s.kept.what, "no engine 77"));
     assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_INVALID);
     REQUIRE(strstr(s.kept.what, "no scene"));
     stage_render(&s);
@@ -897,6 +935,7 @@ int main(void)
         cmocka_unit_test(lights_may_move_between_frames),
         cmocka_unit_test(settings_out_of_range_are_refused),
         cmocka_unit_test(cameras_that_show_nothing_are_refused),
+        cmocka_unit_test(lights_out_of_range_are_refused),
         cmocka_unit_test(what_is_missing_is_named),
         cmocka_unit_test(a_background_of_one_colour_is_shown_flat),
         cmocka_unit_test(a_scene_without_objects_is_its_background),

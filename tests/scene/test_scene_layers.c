@@ -509,6 +509,35 @@ static void layers_are_allocated_and_solved(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* A stack has fewer layers than a material may have: what is merged lies deep, and changes little. */
+static void many_layers_are_merged_where_they_matter_least(void **state)
+{
+    static const float pixels[2] = { 1.0f, 0.75f };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *s = by_hand(ctx, pixels);
+    struct pell_material *m = &s->materials[0];
+    double total[2];
+    (void) state;
+
+    for (int k = 0; k < 2; k++) {
+        const int count = k ? PELL_LAYERS_MOST : PELL_LAYERS_MAX - 2;
+        OK(pell_material_allocate_layers(s, 0, count));
+        for (int i = 0; i < count; i++) {
+            m->layers[i].depth = 2.0f * (float) (i + 1);
+            m->layers[i].medium.eta = 1.4;
+            for (int c = 0; c < 3; c++) {
+                m->layers[i].medium.sigma_a[c] = 0.01;
+                m->layers[i].medium.sigma_s_reduced[c] = i + 1.0;
+            }
+        }
+        OK(pell_material_solve_layers(s, 0));
+        total[k] = pell_gaussians_total(&m->gaussians, 0);
+    }
+    REQUIRE_REL(total[1], total[0], 0.005);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
 static void the_hash_knows_all_of_a_layer(void **state)
 {
     static const float pixels[2] = { 1.0f, 0.75f };
@@ -558,6 +587,7 @@ int main(void)
         cmocka_unit_test(as_many_as_there_may_be),
         cmocka_unit_test(wrong_values_of_built_scenes_are_refused),
         cmocka_unit_test(layers_are_allocated_and_solved),
+        cmocka_unit_test(many_layers_are_merged_where_they_matter_least),
         cmocka_unit_test(the_hash_knows_all_of_a_layer),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -119,7 +119,7 @@ static void make_boundaries_alike(struct pt_scene *s)
             struct pt_solid *b = &s->solid[i];
             const size_t triangles = s->solids->solids[i].num_triangles;
             const bool matched = fabsf(b->medium.eta - 1.0f) < MATCHED;
-            b->smooth = b->rough = true;
+            b->smooth = b->rough = triangles > 0;
             for (size_t t = 0; t < triangles && !pell_cancelled_at(s->ctx, t); t++) {
                 const struct pt_roughness_range *f = &s->roughness_ranges[mesh_of(s, i, t)->material];
                 b->smooth = b->smooth && (matched || f->high < SMOOTH_ROUGHNESS);

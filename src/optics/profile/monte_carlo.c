@@ -27,8 +27,9 @@ static double between(const double y[PELL_TABLE_R], double x)
     return (2.0 * s3 - 3.0 * s2 + 1.0) * y[i] + (s3 - 2.0 * s2 + s) * low + (3.0 * s2 - 2.0 * s3) * y[i + 1] + (s3 - s2) * high;
 }
 
-/* Multiple scattering at an index beyond the table's, from that at its last one: its total is scaled as the exact total of a half-space
- * changes, its shape as the dipole's, which light that is reflected inside more often makes wider. */
+/* Multiple scattering beyond the table, from that at its nearest end: all light is that of the end's g, scaled as the exact total of a
+ * half-space changes with the index, and what is scattered once is taken off. The shape changes as the dipole's does: light that is
+ * reflected inside more often leaves farther away. */
 struct beyond {
     struct pell_dipole there, edge;
     double factor; /* of multiple scattering at all radii */
@@ -38,11 +39,12 @@ static bool reach_beyond(const struct pell_medium *medium, int channel, double a
                          const struct pell_single *single, double *multiple, struct beyond *b)
 {
     const double a = medium->sigma_a[channel], s = medium->sigma_s_reduced[channel], reduced = s / (a + s), g = medium->g[channel];
+    const double g_edge = fmin(fmax(g, pell_photon_table_data.g[0]), pell_photon_table_data.g[PELL_TABLE_G - 1]);
     const double eta = medium->eta, edge = fmin(fmax(eta, pell_photon_table_data.eta[0]), pell_photon_table_data.eta[PELL_TABLE_ETA - 1]);
-    const double at_edge = *multiple, twice = albedo_clamped * albedo_clamped, once = albedo * pell_single_total(g, edge);
+    const double at_edge = *multiple, twice = albedo_clamped * albedo_clamped, once = albedo_clamped * pell_single_total(g_edge, edge);
     double ratio;
 
-    if (eta == edge || at_edge <= 0.0)
+    if ((eta == edge && g == g_edge) || at_edge <= 0.0)
         return false;
     b->there = pell_dipole_make(1.0 - reduced, reduced, eta, PELL_FRESNEL_EXACT);
     b->edge = pell_dipole_make(1.0 - reduced, reduced, edge, PELL_FRESNEL_EXACT);
@@ -103,7 +105,7 @@ const struct pell_profile_source pell_profile_source_monte_carlo = {
     { "monte-carlo", "Photon Monte Carlo",
       "a table of photons: tools/photon_table.c; after L. Wang, S. L. Jacques, L. Zheng, \"MCML - Monte Carlo modeling of light transport "
       "in multi-layered tissues\", Computer Methods and Programs in Biomedicine 47, 1995",
-      "A smooth half-space under light at right angles; multiple scattering is held at g in [-0.3, 0.91]; "
-      "beyond eta in [1, 2.1] it has the exact total, and the shape of the nearer end as the dipole changes it." },
+      "A smooth half-space under light at right angles; beyond g in [-0.3, 0.91] the total is that of the nearer end; beyond eta in "
+      "[1, 2.1] it is exact, and multiple scattering has the shape of the nearer end as the dipole changes it." },
     make,
 };
