@@ -19,15 +19,27 @@ Progress = Callable[[str, float], Any]
 _logger = logging.getLogger("pellucid")
 
 
-def path_bytes(path: Any) -> bytes:
+def path_bytes(path: Any, what: str = "path") -> bytes:
     """A str, bytes or PathLike as C takes it. InvalidError: C would see its part before a NUL alone."""
     try:
         data = os.fsencode(path)
-    except TypeError:
-        raise wrong("path", f"is {path!r:.60}, must be a str, bytes or a path") from None
+    except (TypeError, ValueError):
+        raise wrong(what, f"is {path!r:.60}, must be a str, bytes or a path") from None
     if b"\0" in data:
-        raise wrong(f"path {path!r:.60}", "has a NUL byte, which no path may have")
+        raise wrong(f"{what} {path!r:.60}", "has a NUL byte, must have none")
     return data
+
+
+def encoded(value: Any, what: str) -> bytes:
+    """A text as C takes it. InvalidError: C would see its part before a NUL alone."""
+    if not isinstance(value, str):
+        raise wrong(what, f"is {value!r:.60}, must be a text")
+    if "\0" in value:
+        raise wrong(what, f"is {value!r:.60}, has a NUL character, must have none")
+    try:
+        return value.encode()
+    except UnicodeEncodeError as e:
+        raise wrong(what, f"is {value!r:.60}, must be characters of Unicode: {e.reason}") from None
 
 
 # What an argument is said to be begins with one of these.
@@ -239,6 +251,14 @@ def set_fields(struct, values: dict, where: str) -> None:
             raise wrong(f"{where}.{name}", f"is {value!r:.60}, which does not fit: {e}") from None
 
 
+_thread = threading.local()
+
+
+def caller() -> int:
+    """The thread that called: of a thread of Context.call the one that it works for."""
+    return getattr(_thread, "caller", 0) or threading.get_ident()
+
+
 @ffi.def_extern()
 def _pellucid_log(user, message):
     ffi.from_handle(user)._message(message)
@@ -248,7 +268,7 @@ def _progress_failed(_type, error, _traceback):
     frame = _traceback.tb_frame.f_locals.get("user") if _traceback else None
     if frame:
         context = ffi.from_handle(frame)
-        context.raised = error
+        context.raise_later(error)
         lib.pell_context_cancel(context.c)
     return None
 
@@ -258,18 +278,41 @@ def _pellucid_progress(user, task, fraction):
     ffi.from_handle(user).progress(text(task), fraction)
 
 
-class Context:
+class Single:
+    """What owns memory of the library exists once."""
+
+    def __reduce_ex__(self, _protocol):
+        raise TypeError(f"{type(self).__name__} can't be copied or pickled: it owns memory of the library; create another")
+
+    def __copy__(self):
+        return self.__reduce_ex__(2)
+
+    def __deepcopy__(self, _memo):
+        return self.__reduce_ex__(2)
+
+
+class Said:
+    """What the library said during a call of one thread."""
+
+    def __init__(self) -> None:
+        self.errors: list[tuple[int, str, str, str]] = []
+        self.warnings: list[str] = []
+        self.raised: Optional[BaseException] = None
+
+
+class Context(Single):
     """The library's log, limits and cancel flag. Warnings become Python's (PellucidWarning), facts go to the logger "pellucid".
 
     `progress(task, fraction)` is called while the library works, from the thread that works. An exception in it, or Ctrl-C, cancels the
-    work and is raised to the caller; later calls run. After cancel() they fail: create another.
+    work and is raised to the caller; later calls run. After cancel() they fail: create another. `owner`: the class of the object that it
+    belongs to and is closed with.
     """
 
-    def __init__(self, progress: Optional[Progress] = None):
-        self.progress = progress
-        self.raised: Optional[BaseException] = None
-        self._errors: list[tuple[int, str, str, str]] = []
-        self._warnings: list[str] = []
+    def __init__(self, progress: Optional[Progress] = None, owner: str = ""):
+        self.progress, self.owner = progress, owner
+        self._said: dict[int, Said] = {}  # by thread
+        self._lock = threading.RLock()  # cancel() and the end
+        self._process = os.getpid()
         self._handle = ffi.new_handle(self)
         out = ffi.new("struct pell_context **")
         self._out = out
@@ -283,27 +326,47 @@ class Context:
             raise closed("Context")
         return self._out[0]
 
+    def _of(self, thread: int) -> Said:
+        return self._said.setdefault(thread, Said())
+
+    def raise_later(self, error: BaseException) -> None:
+        """Has check() of the calling thread raise it."""
+        self._of(caller()).raised = error
+
     def _message(self, message) -> None:
         what = (text(message.where), named(text(message.what)), named(text(message.hint)))
+        said = self._of(caller())
         if message.level == lib.PELL_LOG_ERROR:
-            self._errors.append((message.code, *what))
+            said.errors.append((message.code, *what))
         elif message.level == lib.PELL_LOG_WARNING:
-            self._warnings.append(": ".join(filter(None, (named(what[0]), what[1]))) + (f" ({what[2]})" if what[2] else ""))
+            said.warnings.append(": ".join(filter(None, (named(what[0]), what[1]))) + (f" ({what[2]})" if what[2] else ""))
         else:
             _logger.info("%s", ": ".join(filter(None, what[:2])))
 
+    def _take(self, failed: bool) -> Said:
+        """What was said to the calling thread, after what was said in threads of the library: their errors are of a call that failed."""
+        own = self._said.pop(caller(), None) or Said()
+        if self._said:
+            python = {t.ident for t in threading.enumerate()}
+            for thread in [t for t in list(self._said) if t not in python]:
+                other = self._said.pop(thread, None) or Said()
+                own.warnings[:0] = other.warnings
+                if failed:
+                    own.errors[:0] = other.errors
+                elif other.errors:
+                    self._of(thread).errors[:0] = other.errors[-8:]
+        return own
+
     def check(self, code: int) -> None:
         """Issues the warnings of the last call and raises if it failed."""
-        errors, self._errors = self._errors, []
-        notes, self._warnings = self._warnings, []
-        raised, self.raised = self.raised, None
-        if raised is not None:
+        said = self._take(code != lib.PELL_OK)
+        if said.raised is not None:
             lib.pell_context_resume(self.c)
-            raise raised
-        for note in notes:
+            raise said.raised
+        for note in said.warnings:
             warnings.warn(note, PellucidWarning, stacklevel=4)
         if code != lib.PELL_OK:
-            _, where, what, hint = errors[-1] if errors else (code, "", "", "")
+            _, where, what, hint = said.errors[-1] if said.errors else (code, "", "", "")
             given = not where or where.startswith("--") or where in ("method", "knobs") or what.startswith(f"{where} = ")
             raise failure(code, what, named(where), hint, called() if given else "")
 
@@ -312,13 +375,14 @@ class Context:
         if threading.current_thread() is not threading.main_thread():
             self.check(function(*args))
             return
-        done, result = threading.Event(), [lib.PELL_OK]
+        done, result, main = threading.Event(), [lib.PELL_OK], caller()
 
         def work():
+            _thread.caller = main
             try:
                 result[0] = function(*args)
             except BaseException as e:  # pylint: disable=broad-except # handed to the caller
-                self.raised = e
+                self.raise_later(e)
             finally:
                 done.set()
 
@@ -331,20 +395,62 @@ class Context:
             lib.pell_context_cancel(self.c)
             thread.join()
             lib.pell_context_resume(self.c)
-            self._errors, self._warnings, self.raised = [], [], None
+            self._take(True)
             raise
         thread.join()
         self.check(result[0])
 
     def cancel(self) -> None:
         """Ends running and later calls with CancelledError. From any thread."""
-        lib.pell_context_cancel(self.c)
+        with self._lock:
+            lib.pell_context_cancel(self.c)
+
+    def free(self) -> None:
+        """close() for its owner."""
+        if os.getpid() == self._process:
+            with self._lock:
+                lib.pell_context_destroy(self._out)
+        self._out[0] = ffi.NULL
 
     def close(self) -> None:
-        lib.pell_context_destroy(self._out)
+        """Frees it. InvalidError if it belongs to an object that is still open, which closes it."""
+        if self.owner and self._out[0]:
+            raise InvalidError(f"belongs to a {self.owner}, which is still in use, and is closed with it", "Context",
+                               f"close the {self.owner}")
+        self.free()
 
 
-class Closing:
+class Turns:
+    """Lets one call at a time use an object: calls of other threads wait. InvalidError: the call comes from a function that the object's
+    own call runs (progress), or the object was made before a fork."""
+
+    def __init__(self, what: str):
+        self._what, self._lock, self._user, self._process = what, threading.Lock(), 0, os.getpid()
+
+    @property
+    def forked(self) -> bool:
+        """It is the copy that a fork has made in another process: the threads of the library are not there."""
+        return os.getpid() != self._process
+
+    def check(self) -> None:
+        """InvalidError after a fork."""
+        if self.forked:
+            raise InvalidError("was made before this process was forked, and can't be used in it", self._what,
+                               f'create the {self._what} in the child process, or start processes by multiprocessing\'s "spawn"')
+
+    def __enter__(self) -> None:
+        self.check()
+        if self._user == caller():
+            raise InvalidError("is at work in this thread: a function that it calls, such as progress, can't use it", self._what)
+        self._lock.acquire()  # pylint: disable=consider-using-with # __exit__ releases it
+        self._user = caller()
+
+    def __exit__(self, *_exc) -> None:
+        self._user = 0
+        self._lock.release()
+
+
+class Closing(Single):
     """A context manager for what owns memory of the library; close() may be called twice."""
 
     def close(self) -> None:
@@ -367,6 +473,12 @@ class Closing:
 
 _types = {lib.PELL_KNOB_BOOL: "bool *", lib.PELL_KNOB_INT: "int *", lib.PELL_KNOB_INT64: "int64_t *", lib.PELL_KNOB_FLOAT: "float *",
           lib.PELL_KNOB_ENUM: "int *"}
+
+
+def knob_argument(knob: str) -> str:
+    """The keyword argument that sets a knob."""
+    word = knob.replace("-", "_")
+    return word + "_" if word in ("as", "size") else word
 
 
 def knob_rows(table) -> list:
@@ -398,4 +510,4 @@ def set_knobs(context: Context, table, owner: str, struct, values: dict[str, Any
         choose("knob", name.replace("-", "_"), known)
         name = name.replace("_", "-")
         context.check(lib.pell_knob_set(context.c, table, owner.encode(), (where or name).encode(), struct, name.encode(),
-                                        knob_text(value, name).encode()))
+                                        encoded(knob_text(value, name), name)))

@@ -6,7 +6,8 @@ from typing import Any, Optional, Sequence
 
 import numpy as np
 
-from ._base import Closing, Context, choose, closed, ffi, knob_rows, knob_text, lib, number, pointer, text, whole, wrong
+from ._base import (Closing, Context, Turns, choose, closed, encoded, ffi, knob_argument, knob_rows, knob_text, lib, number, pointer, text,
+                    whole, wrong)
 from .optics import Gaussians, Medium
 
 _FORMATS = {lib.PELL_PLANE_F32: (np.float32, "float *"), lib.PELL_PLANE_U16: (np.uint16, "uint16_t *"),
@@ -18,21 +19,31 @@ class Pass(Closing):
 
     method: a name of methods(); shape: (height, width) px; media: a Medium or Gaussians for each material number from 1 on;
     px_per_mm: orthographic scale, or, with perspective=True, the pixels per mm at a depth of 1 mm; stride: floats from row to row of every
-    plane (default width). threads 0: one per core. knobs: the method's.
+    plane (default width). threads 0: one per core. knobs: the method's, as Renderer.render takes them. Calls of several threads wait for each
+    other.
     """
 
     def __init__(self, method: str, shape: tuple[int, int], media: Sequence[Any], px_per_mm: float, *, perspective: bool = False,
                  stride: Optional[int] = None, object_height: float = 0.0, threads: int = 0, **knobs: Any):
+        self._turns = Turns("Pass")
         self._pass, self._device, self._knobs = ffi.new("struct pell_pass **"), ffi.new("struct pell_device **"), ffi.new("void **")
-        context = self.context = Context()
-        found = lib.pell_method_find(context.c, b"method", method.encode())
+        context = self.context = Context(owner="Pass")
+        found = lib.pell_method_find(context.c, b"method", encoded(method, "method"))
         context.check(lib.PELL_OK if found else lib.PELL_ERR_INVALID)
-        known = [text(k.name).replace("-", "_") for k in knob_rows(found.knobs)]
-        for name in knobs:
-            choose("knob", name, known, f"method {method}")
-        words = " ".join(f"{k.replace('_', '-')}={knob_text(v, k)}" for k, v in knobs.items())
-        context.check(lib.pell_method_knobs_create(context.c, found, words.encode(), self._knobs))
-        context.check(lib.pell_device_create(context.c, ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256)}), self._device))
+        known = [text(k.name) for k in knob_rows(found.knobs)]
+        words = []
+        for name, value in knobs.items():
+            knob, said = name.rstrip("_").replace("_", "-"), knob_text(value, name)
+            if knob not in known:
+                choose("knob", name, map(knob_argument, known), f"method {method}")
+            if not said or any(c.isspace() for c in said):
+                raise wrong(name, f"is {value!r:.60}, must have no spaces" if said else "is empty")
+            words.append(f"{knob}={said}")
+        context.check(lib.pell_method_knobs_create(context.c, found, encoded(" ".join(words), "knobs"), self._knobs))
+        params = ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256)})
+        context.check(lib.pell_device_create(context.c, params, self._device))
+        if isinstance(media, (Medium, Gaussians)) or not hasattr(media, "__len__"):
+            raise wrong("media", f"is {media!r:.60}, must be a list of Medium or Gaussians objects")
         if len(media) == 0:
             raise wrong("media", "is empty, must have a medium for each material number from 1 on")
         self._name = ffi.new("char[]", b"pass")
@@ -49,10 +60,10 @@ class Pass(Closing):
         if not hasattr(shape, "__len__") or len(shape) != 2:
             raise wrong("shape", f"is {shape!r:.60}, must be (height, width)")
         height, width = (whole(n, "shape", 1, 2 ** 31 - 1) for n in shape)
-        self.shape, self.stride = (height, width), int(stride or width)
+        self.shape, self.stride = (height, width), width if stride is None else whole(stride, "stride", width, 2 ** 31 - 1)
         self._shape = ffi.new("struct pell_frame_shape *", {
             "width": width, "height": height, "stride": self.stride, "orthographic": not perspective, "focal_px": number(px_per_mm, "px_per_mm"),
-            "object_height": object_height, "materials": self._materials, "num_materials": len(media)})
+            "object_height": number(object_height, "object_height"), "materials": self._materials, "num_materials": len(media)})
         context.call(lib.pell_pass_create, self._device[0], found, self._knobs[0], self._shape, self._pass)
 
     def _plane(self, info, array, index: int, writable: bool):
@@ -75,8 +86,12 @@ class Pass(Closing):
         what the method needs: irradiance, shaded, normal, position (three planes each), strength. out: {"light": three float32 planes}, and
         "single", "surface" for methods that have them. A plane is an array (height, width); three are a sequence or an array (3, height,
         width)."""
-        if not self._pass[0]:
-            raise closed("Pass")
+        with self._turns:
+            if not self._pass[0]:
+                raise closed("Pass")
+            self._render(out, planes)
+
+    def _render(self, out, planes) -> None:
         frame = ffi.new("struct pell_frame *", {"shape": self._shape[0], "rect": {"x1": self.shape[1], "y1": self.shape[0]}})
         light = ffi.new("struct pell_frame_light *")
         infos = {text(i.name): i for i in (lib.pell_plane_at(p) for p in range(lib.PELL_PLANES))}
@@ -97,10 +112,14 @@ class Pass(Closing):
         self.context.call(lib.pell_pass_render, self._pass[0], frame, light)
 
     def close(self) -> None:
-        """Frees what the pass keeps."""
-        if not self.context._out[0]:
+        """Frees what the pass keeps, after a call that another thread is in."""
+        if self._turns.forked:
+            self._pass[0] = ffi.NULL
             return
-        lib.pell_pass_destroy(self._pass)
-        lib.pell_method_knobs_destroy(self.context.c, self._knobs)
-        lib.pell_device_destroy(self._device)
-        self.context.close()
+        with self._turns:
+            if not self.context._out[0]:
+                return
+            lib.pell_pass_destroy(self._pass)
+            lib.pell_method_knobs_destroy(self.context.c, self._knobs)
+            lib.pell_device_destroy(self._device)
+            self.context.free()

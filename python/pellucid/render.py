@@ -7,18 +7,13 @@ from typing import Any, Optional, Union
 
 import numpy as np
 
-from ._base import Closing, InvalidError, Progress, choose, closed, doubles, ffi, knob_rows, knob_text, lib, set_knobs, text, whole, wrong
+from ._base import (Closing, InvalidError, Progress, Turns, choose, closed, doubles, encoded, ffi, knob_argument, knob_rows, knob_text, lib,
+                    set_knobs, text, whole, wrong)
 from .scene import LOAD_OPTIONS, Scene
 
 DEFAULT_METHOD = "screen-space"
 _ENGINES = ("auto", "cpu", "vulkan")
 _COMMON = {"samples": ("samples", "most"), "time_limit": ("time-limit",), "target_error": ("error",)}
-
-
-def _argument(knob: str) -> str:
-    """The keyword argument of Renderer.render that sets a knob."""
-    word = knob.replace("-", "_")
-    return word + "_" if word in ("as", "size") else word
 
 
 def methods() -> dict[str, dict[str, Any]]:
@@ -88,7 +83,7 @@ class _Shown:
 def _show_failed(_type, error, traceback):
     user = traceback.tb_frame.f_locals.get("user") if traceback else None
     if user:
-        ffi.from_handle(user).context.raised = error
+        ffi.from_handle(user).context.raise_later(error)
     return lib.PELL_ERR_CANCELLED
 
 
@@ -162,21 +157,25 @@ class Picture:
 
 
 class Renderer(Closing):
-    """Renders one scene any number of times, with what can be kept kept. threads 0: one per core; engine: auto, cpu, vulkan."""
+    """Renders one scene any number of times, with what can be kept kept. threads 0: one per core; engine: auto, cpu, vulkan. Calls of
+    several threads wait for each other; renderers of one scene work at the same time."""
 
     def __init__(self, scene: Scene, *, threads: int = 0, engine: str = "auto"):
+        self._turns, self._held = Turns("Renderer"), False
         self._renderer = ffi.new("struct pell_renderer **")
         self._device = ffi.new("struct pell_device **")
-        data = scene.c
+        if not isinstance(scene, Scene):
+            raise wrong("scene", f"is {scene!r:.60}, must be a Scene")
+        data = scene._hold()
         self.scene = scene
         self._held = True
-        scene._hold(1)
         context = self.context = scene.context
         params = ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256),
                                                          "engine": _engine(engine)})
         context.check(lib.pell_device_create(context.c, params, self._device))
         context.check(lib.pell_renderer_create(self._device[0], self._renderer))
         context.call(lib.pell_renderer_set_scene, self._renderer[0], data)
+        self._threads = lib.pell_device_threads(self._device[0])
         self._method: Any = None
 
     def _configure(self, method: Optional[str], given: dict[str, Any]):
@@ -190,7 +189,7 @@ class Renderer(Closing):
         if name == "none":
             found, table = ffi.NULL, set()
         else:
-            found = lib.pell_method_find(context.c, b"method", name.encode())
+            found = lib.pell_method_find(context.c, b"method", encoded(name, "method"))
             context.check(lib.PELL_OK if found else lib.PELL_ERR_INVALID)
             table = {text(k.name) for k in knob_rows(found.knobs)}
         for key, value in given.items():
@@ -206,7 +205,7 @@ class Renderer(Closing):
                 owners = [other for other, row in methods().items() if option in row["knobs"]]
                 if owners:
                     raise wrong(f"method {name}", f'has no knob "{key}"', f"it is a knob of {', '.join(owners)}")
-                choose("knob", key, sorted(_argument(k) for k in (table | rows) - {"width", "height", "layers"}), f"method {name}")
+                choose("knob", key, sorted(knob_argument(k) for k in (table | rows) - {"width", "height", "layers"}), f"method {name}")
         return name, found, knobs, settings
 
     def render(self, method: Optional[str] = None, *, size: Optional[tuple[int, int]] = None, layers: bool = True, copy: bool = True,
@@ -216,8 +215,12 @@ class Renderer(Closing):
         name is Python's or an argument: as_="paper" is the published form, with the paper's settings where none are given, size_=1024
         the map of texture-space. copy False: the arrays are views of the renderer's memory, valid until its next call.
         intermediates: also keeps what the method makes on its way (blurs, stretch, thickness, ...), in Picture.intermediates."""
-        if not self._held:
-            raise closed("Renderer")
+        with self._turns:
+            if not self._held:
+                raise closed("Renderer")
+            return self._render(method, size, layers, copy, intermediates, knobs)
+
+    def _render(self, method, size, layers, copy, intermediates, knobs) -> Picture:
         settings = ffi.new("struct pell_settings *")
         name, found, values, options = self._configure(method, knobs)
         if size is not None:
@@ -225,7 +228,7 @@ class Renderer(Closing):
         memory = ffi.NULL
         if found:
             memory = ffi.new("double[]", found.knobs_size // 8 + 1)
-            strings = [[ffi.new("char[]", s.encode()) for s in (k, knob_text(v, k), k)] for k, v in values.items()]
+            strings = [[ffi.new("char[]", encoded(s, k)) for s in (k, knob_text(v, k), k)] for k, v in values.items()]
             array = ffi.new("struct pell_setting[]", [dict(zip(("name", "value", "where"), s)) for s in strings])
             self.context.check(lib.pell_method_configure(self.context.c, found, array, len(strings), memory))
         lib.pell_settings_default(found, memory, settings)
@@ -251,15 +254,23 @@ class Renderer(Closing):
     @property
     def threads(self) -> int:
         """Number of threads in use."""
-        return lib.pell_device_threads(self._device[0])
+        self._turns.check()
+        if not self._held:
+            raise closed("Renderer")
+        return self._threads
 
     def close(self) -> None:
-        """Frees the renderer; an open scene stays. Arrays that render(copy=False) gave are invalid after it."""
-        lib.pell_renderer_destroy(self._renderer)
-        lib.pell_device_destroy(self._device)
-        if self._held:
-            self._held = False
-            self.scene._hold(-1)
+        """Frees the renderer, after a call that another thread is in; an open scene stays. Arrays that render(copy=False) gave are invalid
+        after it."""
+        if not self._turns.forked:
+            with self._turns:
+                lib.pell_renderer_destroy(self._renderer)
+                lib.pell_device_destroy(self._device)
+                held, self._held = self._held, False
+        else:
+            held, self._held = self._held, False
+        if held:
+            self.scene._release()
 
 
 def render(scene: Union[Scene, dict, str, os.PathLike], method: Optional[str] = None, *, size: Optional[tuple[int, int]] = None,

@@ -2,16 +2,18 @@
 """Scenes: from files, from dicts and from arrays."""
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import re
+import threading
 from typing import Any, Iterable, Mapping, Optional, Union
 
 import numpy as np
 
-from ._base import (Closing, Context, Progress, choose, closed, doubles, ffi, lib, number, numbers, path_bytes, pointer, set_fields, text,
-                    three, wrong)
+from ._base import (Closing, Context, Progress, choose, closed, doubles, encoded, ffi, lib, number, numbers, path_bytes, pointer, set_fields,
+                    text, three, wrong)
 
 Length = Union[float, int, str]
 _UNITS = {"nm": 1e-6, "um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "km": 1e6, "in": 25.4}
@@ -53,7 +55,7 @@ def _load_params(keep: list, **options: Any):
         value = given[key]
         if value is None:
             return ffi.NULL
-        keep.append(ffi.new("char[]", path_bytes(str(value))))
+        keep.append(ffi.new("char[]", path_bytes(str(value), key)))
         return keep[-1]
 
     return ffi.new("struct pell_load_params *", {
@@ -73,9 +75,9 @@ class Scene(Closing):
     freed when no renderer uses it."""
 
     def __init__(self, progress: Optional[Progress] = None):
-        self._closed, self._users = False, 0
+        self._closed, self._users, self._lock, self._process = False, 0, threading.RLock(), os.getpid()
         self._scene = ffi.new("struct pell_scene **")
-        self.context = Context(progress)
+        self.context = Context(progress, "Scene")
 
     @property
     def c(self):
@@ -159,7 +161,7 @@ class Scene(Closing):
 
     def _add(self, function, name: str) -> int:
         index = ffi.new("size_t *")
-        self.context.check(function(self.c, name.encode(), index))
+        self.context.check(function(self.c, encoded(name, "name"), index))
         return index[0]
 
     def _add_mesh(self, vertices, triangles, normals=None, uv=None, name: str = "mesh", material: int = 0):
@@ -193,7 +195,7 @@ class Scene(Closing):
         preset = values.pop("preset", None)
         medium = {k: values.pop(k) for k in ("sigma_a", "sigma_s_reduced", "g", "eta") if k in values}
         if preset is not None:
-            self.context.check(lib.pell_material_apply(self.c, index, name.encode(), str(preset).encode()))
+            self.context.check(lib.pell_material_apply(self.c, index, encoded(name, "name"), encoded(str(preset), f"{name}.preset")))
         material = self.c.materials[index]
         if medium:
             if "sigma_a" in medium and "sigma_s_reduced" in medium:
@@ -219,7 +221,7 @@ class Scene(Closing):
         if pixels.ndim != 3 or pixels.dtype not in _PIXELS:
             raise wrong(name, f"has the shape {pixels.shape} of {pixels.dtype}, must have (h, w) or (h, w, channels) of uint8, uint16 or float32")
         out = ffi.new("struct pell_texture **")
-        self.context.check(lib.pell_scene_add_texture(self.c, name.encode(), out))
+        self.context.check(lib.pell_scene_add_texture(self.c, encoded(name, "name"), out))
         height, width, channels = pixels.shape
         self.context.check(lib.pell_texture_allocate(self.c, out[0], width, height, channels, getattr(lib, _PIXELS[pixels.dtype])))
         ffi.memmove(out[0].image.pixels, pointer(pixels, "char *"), pixels.nbytes)
@@ -265,44 +267,71 @@ class Scene(Closing):
     @property
     def bounds(self) -> np.ndarray:
         """(2, 3), mm: the least and the largest corner, without a generated ground."""
-        return np.array([list(self.c.bounds_min), list(self.c.bounds_max)], dtype=np.float32)
+        with self._read() as c:
+            return np.array([list(c.bounds_min), list(c.bounds_max)], dtype=np.float32)
 
     @property
     def materials(self) -> list[str]:
         """Names of the materials."""
-        return [text(self.c.materials[i].name) for i in range(self.c.num_materials)]
+        with self._read() as c:
+            return [text(c.materials[i].name) for i in range(c.num_materials)]
 
     @property
     def triangles(self) -> int:
         """Number of triangles."""
-        return sum(self.c.meshes[i].num_triangles for i in range(self.c.num_meshes))
+        with self._read() as c:
+            return sum(c.meshes[i].num_triangles for i in range(c.num_meshes))
 
     @property
     def hash(self) -> int:
         """A 64-bit hash of the content, independent of the location of files."""
-        return lib.pell_scene_hash(self.c)
+        with self._read() as c:
+            return lib.pell_scene_hash(c)
 
     def check(self) -> list[tuple[str, str, str]]:
         """Problems of the scene: (severity, where, what)."""
         report = ffi.new("struct pell_scene_report *")
-        self.context.call(lib.pell_scene_check, self.c, report)
-        found = [(("note", "warning", "error")[p.severity], text(p.where), text(p.what))
-                 for p in (report.problems[i] for i in range(report.num_problems))]
-        lib.pell_scene_report_finish(self.context.c, report)
-        return found
+        with self._read() as c:
+            try:
+                self.context.call(lib.pell_scene_check, c, report)
+                return [(("note", "warning", "error")[p.severity], text(p.where), text(p.what))
+                        for p in (report.problems[i] for i in range(report.num_problems))]
+            finally:
+                lib.pell_scene_report_finish(self.context.c, report)
 
-    def _hold(self, step: int) -> None:
-        """Counts the renderers that use it, and frees it after the last."""
-        self._users += step
-        if self._closed and self._users == 0:
-            lib.pell_scene_destroy(self._scene)
-            self.context.close()
+    def _hold(self):
+        """The C struct pell_scene, which stays until _release()."""
+        with self._lock:
+            scene = self.c
+            self._users += 1
+            return scene
+
+    def _release(self, step: int = 1) -> None:
+        """Ends a _hold(). The last one after close() frees it."""
+        with self._lock:
+            self._users -= step
+            if not self._closed or self._users:
+                return
+            if os.getpid() == self._process:
+                lib.pell_scene_destroy(self._scene)
+            self._scene[0] = ffi.NULL
+            self.context.free()
+
+    @contextlib.contextmanager
+    def _read(self):
+        """The C struct pell_scene, which a close() of another thread leaves until the end of the block."""
+        scene = self._hold()
+        try:
+            yield scene
+        finally:
+            self._release()
 
     def close(self) -> None:
         """Frees the scene, or lets its last renderer do so."""
-        if not self._closed:
-            self._closed = True
-            self._hold(0)
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._release(0)
 
 
 def _plain(value: Any) -> Any:
