@@ -107,6 +107,33 @@ for _public in (Error, *_errors.values(), PellucidWarning):
     _public.__module__ = "pellucid"  # as callers name it
 
 
+class Value:
+    """An object whose state is its attributes and a C struct without pointers, `c`: it can be copied and pickled. Values are equal if what
+    _parts() gives is."""
+
+    c: Any
+    _struct = ""
+
+    def _parts(self) -> tuple:
+        raise NotImplementedError
+
+    def __eq__(self, other) -> bool:
+        return self._parts() == other._parts() if type(self) is type(other) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((type(self).__name__, self._parts()))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "c": bytes(ffi.buffer(self.c))}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        data, made = state["c"], ffi.new(f"{self._struct} *")
+        if len(data) != ffi.sizeof(self._struct):
+            raise InvalidError("was pickled by another version of the library, and can't be read by this one", type(self).__name__)
+        ffi.memmove(made, data, len(data))
+        self.__dict__.update({**state, "c": made})
+
+
 def text(pointer) -> str:
     return ffi.string(pointer).decode("utf-8", "replace") if pointer else ""
 
@@ -127,6 +154,15 @@ def called() -> str:
                 owner.__name__ if function in ("__init__", "__call__") else f"{owner.__name__}.{function}"
         frame = frame.f_back
     return name
+
+
+def outside() -> int:
+    """The stacklevel of warnings.warn, in the function that asks, for the line that called this package."""
+    frame: Any = sys._getframe(1)  # pylint: disable=protected-access # no other way to the caller
+    level = 1
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == __package__:
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def wrong(argument: str, what: str, hint: str = "") -> Error:
@@ -364,7 +400,7 @@ class Context(Single):
             lib.pell_context_resume(self.c)
             raise said.raised
         for note in said.warnings:
-            warnings.warn(note, PellucidWarning, stacklevel=4)
+            warnings.warn(note, PellucidWarning, stacklevel=outside())
         if code != lib.PELL_OK:
             _, where, what, hint = said.errors[-1] if said.errors else (code, "", "", "")
             given = not where or where.startswith("--") or where in ("method", "knobs") or what.startswith(f"{where} = ")

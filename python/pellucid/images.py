@@ -7,7 +7,7 @@ from typing import Union
 
 import numpy as np
 
-from ._base import Context, ffi, lib, numbers, path_bytes, pointer, text, wrong
+from ._base import Context, encoded, ffi, lib, numbers, path_bytes, pointer, text, wrong
 
 Path = Union[str, os.PathLike]
 
@@ -47,7 +47,7 @@ def write_layers(path: Path, channels: dict[str, np.ndarray], *, full_float: boo
         raise wrong("channels", "is empty, must have an array (height, width) for each name" if not planes else
                     f"has the shapes {sorted(shapes)}, all must have one (height, width)")
     height, width = next(iter(shapes))
-    names = [ffi.new("char[]", k.encode()) for k in planes]
+    names = [ffi.new("char[]", encoded(k, "channels")) for k in planes]
     rows = ffi.new("struct pell_channel[]", [
         {"name": n, "data": pointer(p, "float *"), "stride": p.strides[0] // 4, "full_float": full_float}
         for n, p in zip(names, planes.values())])

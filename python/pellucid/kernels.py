@@ -46,6 +46,8 @@ def gaussian_taps(variance: float, taps: int = 7) -> tuple[np.ndarray, np.ndarra
 
 def chain(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Blurs after one another: steps (n,) in mm^2, blends (n, 3), total (3,) (d'Eon et al. 2007, section 5.4)."""
+    if not isinstance(gaussians, Gaussians):
+        raise wrong("gaussians", f"is {gaussians!r:.60}, must be Gaussians")
     out = ffi.new("struct pell_kernel_chain *")
     check(lib.pell_kernel_chain_make(gaussians.c, out),
           "has falling variances or negative weights: variances must rise, weights be 0 or more", "gaussians")
@@ -67,6 +69,12 @@ def separable(profiles: Sequence[Profile], *, taps: int = 25, rank: int = 1, ext
                      np.array(list(out.total)), np.array(list(out.outside)), np.array(list(out.error)), out.extent_mm)
 
 
+def _profile(profile: Profile):
+    if not isinstance(profile, Profile):
+        raise wrong("profile", f"is {profile!r:.60}, must be a Profile")
+    return profile.c
+
+
 def _table(function, texels, *args) -> np.ndarray:
     out = np.empty(whole(texels, "texels", 1, 2 ** 31 - 1), dtype=np.float32)
     check(function(*args, pointer(out, "float *"), out.size), "gives no table: it has no light", "profile")
@@ -75,23 +83,23 @@ def _table(function, texels, *args) -> np.ndarray:
 
 def table_value(profile: Profile, r_max: float, texels: int) -> np.ndarray:
     """(texels,) float32 means of R over rings of equal width out to r_max mm, 1/mm^2."""
-    return _table(lib.pell_kernel_table_value, texels, profile.c, _positive(r_max, "r_max"))
+    return _table(lib.pell_kernel_table_value, texels, _profile(profile), _positive(r_max, "r_max"))
 
 
 def table_ring(profile: Profile, r_max: float, texels: int) -> np.ndarray:
     """(texels,) float32: the light in each of these rings."""
-    return _table(lib.pell_kernel_table_ring, texels, profile.c, _positive(r_max, "r_max"))
+    return _table(lib.pell_kernel_table_ring, texels, _profile(profile), _positive(r_max, "r_max"))
 
 
 def table_radius(profile: Profile, texels: int) -> np.ndarray:
     """(texels,) float32 radii in mm with equal light between them."""
-    return _table(lib.pell_kernel_table_radius, texels, profile.c)
+    return _table(lib.pell_kernel_table_radius, texels, _profile(profile))
 
 
 def table_sphere(profile: Profile, curvature_max: float, width: int, height: int) -> np.ndarray:
     """(height, width) float32: pre-integrated scattering (Penner 2011); columns cos theta from -1 to 1, rows curvature up to
     curvature_max in 1/mm."""
     out = np.empty((whole(height, "height", 1, 2 ** 16), whole(width, "width", 1, 2 ** 16)), dtype=np.float32)
-    check(lib.pell_kernel_table_sphere(profile.c, _positive(curvature_max, "curvature_max"), pointer(out, "float *"), width, height),
+    check(lib.pell_kernel_table_sphere(_profile(profile), _positive(curvature_max, "curvature_max"), pointer(out, "float *"), width, height),
           "gives no table: it has no light", "profile")
     return out

@@ -6,8 +6,8 @@ from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
-from ._base import (bounded, called, channel_number, check, choose, doubles, enum_names, failure, fault_error, ffi, lib, number, pointer,
-                    text, three, whole, wrong)
+from ._base import (Value, bounded, called, channel_number, check, choose, doubles, encoded, enum_names, failure, fault_error, ffi, lib,
+                    number, pointer, text, three, whole, wrong)
 
 ArrayLike = Any
 CHANNELS = ("r", "g", "b")
@@ -28,12 +28,34 @@ def _params(roughness: float, A: float, without_single: bool):
                                                     "without_single": bool(without_single)})
 
 
-class Medium:
+def _least(values: np.ndarray) -> float:
+    """NaN if one is; 0 of none."""
+    return float(values) if values.ndim == 0 else values.min() if values.size else 0.0
+
+
+def _from_zero(values: np.ndarray, what: str) -> None:
+    """InvalidError if a number is below 0; NaN may be among them."""
+    if _least(values) >= 0:
+        return
+    if (values < 0).any():
+        raise wrong(what, f"has {values[values < 0][0]:g}, must be 0 or more" if values.ndim else f"is {values[()]:g}, must be 0 or more")
+
+
+def _keep_nan(values: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """The function of NaN is NaN: `out` has the shape of something + that of `values`."""
+    if np.isnan(_least(values)):
+        out[..., np.isnan(values)] = np.nan
+    return out
+
+
+class Medium(Value):
     """A homogeneous medium behind a smooth boundary (pellucid/medium.h).
 
     sigma_a, sigma_s_reduced: one number or (R, G, B), 1/mm; or sigma_s, which is multiplied by 1 - g. g: mean cosine. eta: index of
     refraction inside over outside, 0.25 to 4.
     """
+
+    _struct = "struct pell_medium"
 
     def __init__(self, sigma_a: ArrayLike, sigma_s_reduced: ArrayLike = None, *, sigma_s: ArrayLike = None, g: ArrayLike = 0.0,
                  eta: float = 1.3):
@@ -93,16 +115,21 @@ class Medium:
         """(3,), mm: 1/sigma_tr; infinite without absorption."""
         return np.array([lib.pell_diffuse_mean_free_path(self.c, c) for c in range(3)])
 
+    def _parts(self) -> tuple:
+        return tuple(self.c.sigma_a), tuple(self.c.sigma_s_reduced), tuple(self.c.g), self.c.eta
+
     def __repr__(self) -> str:
         return f"Medium({self.sigma_a.tolist()}, {self.sigma_s_reduced.tolist()}, g={self.g.tolist()}, eta={self.eta})"
 
 
-class Profile:
+class Profile(Value):
     """R(r) of one channel: the share of the light, per mm^2, that leaves at a distance r from where it entered (pellucid/profile.h).
 
     medium: a Medium; channel: 0, 1, 2; model: a name of models(). roughness of the boundary, A and without_single: for the models that
     have them.
     """
+
+    _struct = "struct pell_profile"
 
     def __init__(self, medium: Medium, channel: int = 0, model: str = "dipole", *, roughness: float = 0.0, A: float = 0.0,
                  without_single: bool = False):
@@ -132,6 +159,13 @@ class Profile:
                           called())
         return self
 
+    def _parts(self) -> tuple:
+        c, n = self.c, self.c.count
+        return c.kind, c.total, tuple(c.parameter), tuple(c.r)[:n], tuple(c.value)[:n], tuple(c.slope)[:n], tuple(c.inside)[:n]
+
+    def __repr__(self) -> str:
+        return f"<Profile, total {self.total:.6g}>"
+
     @property
     def total(self) -> float:
         """The diffuse reflectance, Int 2 pi r R dr."""
@@ -139,9 +173,10 @@ class Profile:
 
     def _map(self, what: int, x: ArrayLike, name: str = "r"):
         values = doubles(x, name)
+        _from_zero(values, name)
         out = np.empty_like(values)
         lib.pellpy_profile_map(self.c, what, pointer(values), pointer(out), values.size)
-        return out[()]
+        return _keep_nan(values, out)[()]
 
     def __call__(self, r: ArrayLike):
         """R at radii r >= 0 in mm, any shape; 1/mm^2."""
@@ -197,6 +232,7 @@ def _profile_map(model, sigma_a, sigma_s_reduced, g, eta, r, total, params):
         choose("parameter", name, ("roughness", "A", "without_single"))
     a, s, cosine, index = _media(sigma_a, sigma_s_reduced, g, eta)
     radii = doubles(r, "r")
+    _from_zero(radii, "r")
     out = np.empty(a.shape + radii.shape)
     totals = np.empty(a.shape) if total else None
     result = ffi.new("int *")
@@ -204,12 +240,12 @@ def _profile_map(model, sigma_a, sigma_s_reduced, g, eta, r, total, params):
     to = pointer(totals) if total else ffi.NULL
     if model == "dipole" and not params:
         lib.pellpy_dipoles(*media, pointer(index), a.size, 0, pointer(radii), radii.size, pointer(out), to)
-        return out, totals
+        return _keep_nan(radii, out), totals
     at = lib.pellpy_profiles(_model(model), *media, pointer(cosine), pointer(index), a.size,
                              _params(params.get("roughness", 0.0), params.get("A", 0.0), params.get("without_single", False)),
                              pointer(radii), radii.size, pointer(out), to, result)
     check(result[0], f"is none that the model {model} takes with these parameters", f"medium {at}")
-    return out, totals
+    return _keep_nan(radii, out), totals
 
 
 def profile_at(r: ArrayLike, sigma_a: ArrayLike, sigma_s_reduced: ArrayLike, *, g: ArrayLike = 0.0, eta: ArrayLike = 1.3,
@@ -230,13 +266,16 @@ def sample_radii(xi: ArrayLike, sigma_a: ArrayLike, sigma_s_reduced: ArrayLike, 
     4); the media's shape + xi's shape."""
     a, s, _, index = _media(sigma_a, sigma_s_reduced, 0.0, eta)
     numbers = doubles(xi, "xi")
+    _from_zero(numbers, "xi")
     out = np.empty(a.shape + numbers.shape)
     lib.pellpy_dipoles(pointer(a), pointer(s), pointer(index), a.size, 3, pointer(numbers), numbers.size, pointer(out), ffi.NULL)
-    return out
+    return _keep_nan(numbers, out)
 
 
-class Gaussians:
+class Gaussians(Value):
     """R_c(r) = Sum_i weight[i, c] exp(-r^2/(2 variance[i]))/(2 pi variance[i]): variance (n,) in mm^2, rising; weight (n, 3)."""
+
+    _struct = "struct pell_gaussians"
 
     def __init__(self, variance: ArrayLike, weight: ArrayLike):
         v, w = doubles(variance, "variance"), doubles(weight, "weight")
@@ -258,6 +297,12 @@ class Gaussians:
     def __len__(self) -> int:
         return self.c.count
 
+    def _parts(self) -> tuple:
+        return tuple(self.variance), tuple(self.weight.ravel())
+
+    def __repr__(self) -> str:
+        return f"Gaussians({self.variance.tolist()}, {self.weight.tolist()})"
+
     @property
     def variance(self) -> np.ndarray:
         """(n,), mm^2."""
@@ -276,9 +321,10 @@ class Gaussians:
     def __call__(self, r: ArrayLike, channel: int = 0):
         """R_channel at radii in mm, any shape; 1/mm^2."""
         values = doubles(r, "r")
+        _from_zero(values, "r")
         out = np.empty_like(values)
         lib.pellpy_gaussians(self.c, channel_number(channel), pointer(values), pointer(out), values.size)
-        return out[()]
+        return _keep_nan(values, out)[()]
 
     def profile(self, channel: int = 0) -> Profile:
         """One channel as a Profile, in closed form."""
@@ -302,6 +348,8 @@ def fit(what: Union[Medium, Profile, Sequence[Profile]], count: int = 4, *, free
         code = lib.pell_fit_medium(what.c, params, out, report)
     elif isinstance(what, Profile):
         code = lib.pell_fit_profile(what.c, params, out, report)
+    elif isinstance(what, (str, bytes)) or not hasattr(what, "__len__"):
+        raise wrong("what", f"is {what!r:.60}, must be a Medium, a Profile or three Profiles")
     else:
         code = lib.pell_fit_profiles(_three_profiles(what), params, out, report)
     check(code, f"no fit of {count} Gaussians is found out to r_max {r_max:g} mm")
@@ -309,8 +357,13 @@ def fit(what: Union[Medium, Profile, Sequence[Profile]], count: int = 4, *, free
 
 
 def _three_profiles(items: Sequence[Profile]):
+    if not hasattr(items, "__len__"):
+        raise wrong("profiles", f"is {items!r:.60}, must be three Profiles (R, G, B)")
     if len(items) != 3:
         raise wrong("profiles", f"has {len(items)}, must have three (R, G, B)")
+    for p in items:
+        if not isinstance(p, Profile):
+            raise wrong("profiles", f"has {p!r:.60}, must have three Profiles (R, G, B)")
     array = ffi.new("struct pell_profile[3]")
     for i, p in enumerate(items):
         array[i] = p.c[0]
@@ -370,11 +423,12 @@ def half_space_albedo(albedo: ArrayLike, eta: ArrayLike = 1.3):
     return _pairs(4, albedo=albedo, eta=eta)
 
 
-class Phase:
+class Phase(Value):
     """A phase function: kind henyey-greenstein, schlick (g is k), rayleigh, two-lobe (g two numbers, weight of the first).
 
     cos_theta is the cosine between the directions toward light and viewer: -1 is unscattered light (pellucid/phase.h)."""
 
+    _struct = "struct pell_phase"
     KINDS = ("henyey-greenstein", "schlick", "rayleigh", "two-lobe")
 
     def __init__(self, kind: str = "henyey-greenstein", g: ArrayLike = 0.0, weight: float = 0.5):
@@ -386,11 +440,17 @@ class Phase:
         if not lib.pell_phase_valid(self.c, fault):
             raise fault_error(fault)
 
+    def _parts(self) -> tuple:
+        return self.c.kind, tuple(self.c.g), self.c.weight
+
+    def __repr__(self) -> str:
+        return f'Phase("{self.KINDS[self.c.kind]}", {list(self.c.g)}, {self.c.weight})'
+
     def _map(self, what, x, name: str = "cos_theta"):
         values = doubles(x, name)
         out = np.empty_like(values)
         lib.pellpy_phase(self.c, what, pointer(values), pointer(out), values.size)
-        return out[()]
+        return _keep_nan(values, out)[()]
 
     def __call__(self, cos_theta: ArrayLike):
         """1/sr; integrates to 1 over the sphere."""
@@ -413,7 +473,7 @@ class Phase:
 # --- Materials --------------------------------------------------------------------------------------------------------------------
 
 def _entry(name: str):
-    entry = lib.pell_material_find(str(name).encode())
+    entry = lib.pell_material_find(encoded(str(name), "name"))
     if not entry:
         choose("material", name, materials())
     return entry
