@@ -462,11 +462,12 @@ class Turns:
 
     def __init__(self, what: str):
         self._what, self._lock, self._user, self._process = what, threading.Lock(), 0, os.getpid()
+        self.threads = 0  # of the library, that the object uses
 
     @property
     def forked(self) -> bool:
-        """It is the copy that a fork has made in another process: the threads of the library are not there."""
-        return os.getpid() != self._process
+        """It is the copy that a fork has made in another process, and the threads that it uses are not there."""
+        return self.threads != 1 and os.getpid() != self._process
 
     def check(self) -> None:
         """InvalidError after a fork."""

@@ -42,6 +42,7 @@ class Pass(Closing):
         context.check(lib.pell_method_knobs_create(context.c, found, encoded(" ".join(words), "knobs"), self._knobs))
         params = ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256)})
         context.check(lib.pell_device_create(context.c, params, self._device))
+        self._turns.threads = lib.pell_device_threads(self._device[0])
         if isinstance(media, (Medium, Gaussians)) or not hasattr(media, "__len__"):
             raise wrong("media", f"is {media!r:.60}, must be a list of Medium or Gaussians objects")
         if len(media) == 0:

@@ -175,7 +175,7 @@ class Renderer(Closing):
         context.check(lib.pell_device_create(context.c, params, self._device))
         context.check(lib.pell_renderer_create(self._device[0], self._renderer))
         context.call(lib.pell_renderer_set_scene, self._renderer[0], data)
-        self._threads = lib.pell_device_threads(self._device[0])
+        self._threads = self._turns.threads = lib.pell_device_threads(self._device[0])
         self._method: Any = None
 
     def _configure(self, method: Optional[str], given: dict[str, Any]):

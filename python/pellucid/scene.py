@@ -131,7 +131,7 @@ class Scene(Closing):
             of uint8, uint16 (sRGB-encoded where it is a colour) or float32.
         lights: dicts with type (point, spot, directional, rect, disc, environment) and members of struct pell_light: position mm,
             direction, power (W/sr, W/m^2 or W/(m^2 sr); of an environment a factor of its image, 1), image (as a map's), width, height,
-            radius. None: a studio of three.
+            radius. Without any: a studio of three.
         camera: position mm, `to` mm or forward, up, fov_deg (vertical) or ortho_height mm. None: frames the meshes.
         background: a colour (3,), or None for grey with a soft shadow below the objects.
         """

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: MIT
+import copy
 import gc
+import os
+import pickle
 import signal
+import subprocess
+import sys
 import threading
 import time
 import warnings
@@ -28,6 +33,93 @@ def test_a_picture_is_the_programs(program, ball_file, tmp_path, method):
     assert picture.rgb.shape == (SIZE[1], SIZE[0], 3) and picture.rgb.max() > 0
     assert (pellucid.read_image(out) == picture.rgb).all()
     assert picture.method == method and picture.invalid == 0
+
+
+def alone(code, *words):
+    """Runs code in an interpreter of its own, which may end by a signal or never."""
+    done = subprocess.run([sys.executable, "-c", "import os, sys, threading, pellucid\n" + code, *map(str, words)], capture_output=True,
+                          text=True, timeout=120, check=False)
+    assert done.returncode == 0, (done.returncode, done.stderr[-2000:])
+    return done.stdout.split()
+
+
+MADE = """
+scene = pellucid.Scene.load(sys.argv[1], size="40mm", material="wholemilk")
+renderer = pellucid.Renderer(scene, threads=int(sys.argv[2]))
+def draw(**more):
+    return float(renderer.render("none", size=(32, 24), **more).rgb.sum())
+first = draw()
+"""
+
+
+def test_threads_take_turns(ball_file):
+    said = alone(MADE + """
+sums = []
+threads = [threading.Thread(target=lambda: sums.extend(draw() for _ in range(4))) for _ in range(3)]
+for t in threads: t.start()
+for t in threads: t.join()
+print(len(sums), set(sums) == {first})
+last = threading.Thread(target=lambda: sums.append(draw()))
+last.start()
+renderer.close()
+last.join()
+try:
+    renderer.threads
+except pellucid.InvalidError as e:
+    print("closed" in str(e))
+""", ball_file, 2)
+    assert said[:2] == ["12", "True"] and said[-1] == "True"
+
+
+def test_an_object_is_of_no_use_to_the_functions_that_it_calls(ball_file):
+    seen = []
+
+    def progress(*_):
+        try:
+            renderer.render("none", size=(8, 6))
+        except pellucid.InvalidError as e:
+            seen.append(str(e))
+    with pellucid.Scene.load(ball_file, progress=progress, **LOAD) as scene, pellucid.Renderer(scene) as renderer:
+        renderer.render("path-trace", size=(32, 24), samples=8, msaa=1)
+    assert seen and all("at work in this thread" in s for s in seen)
+
+
+def test_what_owns_memory_is_not_copied(ball_file):
+    with pellucid.Scene.load(ball_file, **LOAD) as scene, pellucid.Renderer(scene) as renderer:
+        for thing in (scene, renderer, scene.context):
+            for way in (copy.copy, copy.deepcopy, pickle.dumps):
+                with pytest.raises(TypeError, match="can't be copied or pickled"):
+                    way(thing)
+        with pytest.raises(pellucid.InvalidError, match="still in use"):
+            scene.context.close()
+        assert renderer.render("none", size=SIZE).rgb.max() > 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+@pytest.mark.parametrize("threads", [1, 2])
+def test_after_a_fork_threads_are_missed(ball_file, threads):
+    said = alone(MADE + """
+sys.stdout.flush()
+child = os.fork()
+if child == 0:
+    try:
+        print("same" if draw() == first else "other")
+    except pellucid.InvalidError as e:
+        print("refused" if "forked" in str(e) else e)
+    own = pellucid.Renderer(scene, threads=2).render("none", size=(32, 24))
+    print(float(own.rgb.sum()) == first)
+    sys.stdout.flush()
+    os._exit(0)
+print(os.waitpid(child, 0)[1], draw() == first)
+""", ball_file, threads)
+    assert sorted(said) == sorted(["same" if threads == 1 else "refused", "True", "0", "True"])
+
+
+def test_names_end_where_they_end(ball_file):
+    for call in (lambda: pellucid.Medium.material("marble\0junk"), lambda: pellucid.render(ball_file, "none\0x", load=LOAD),
+                 lambda: pellucid.Scene.load(f"{ball_file}\0x")):
+        with pytest.raises(pellucid.InvalidError, match="NUL"):
+            call()
 
 
 def test_layers_and_display(ball_file):
