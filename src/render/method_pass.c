@@ -183,10 +183,21 @@ static const char *find_missing(unsigned needs, const struct pell_frame *in, con
     return NULL;
 }
 
-/* Whether a plane of `out` is another of `out` or one of `in`. */
+/* Whether two planes of floats have a pixel's memory in common; their rows may alternate. */
+static bool share_memory(const struct pell_frame_shape *s, const void *a, const void *b)
+{
+    const uintptr_t p = (uintptr_t) a, q = (uintptr_t) b, apart = p > q ? p - q : q - p;
+    const uintptr_t width = (uintptr_t) s->width * sizeof(float), stride = (uintptr_t) s->stride * sizeof(float);
+    const uintptr_t rows = apart / stride, rest = apart % stride, height = (uintptr_t) s->height;
+
+    return (rows < height && rest < width) || (rows + 1 < height && stride - rest < width);
+}
+
+/* Whether a plane of `out`, all of which are of floats, has memory in common with another of `out` or one of `in`. */
 static bool overlaps(const struct pell_frame *in, const struct pell_frame_light *out)
 {
     const void *all[3 * PELL_PLANES], *written[3 * PELL_PLANES];
+    bool floats[3 * PELL_PLANES];
     size_t count = 0, outputs = 0;
 
     for (int i = 0; i < PELL_PLANES; i++) {
@@ -197,6 +208,7 @@ static bool overlaps(const struct pell_frame *in, const struct pell_frame_light 
         for (int c = 0; c < p->components; c++) {
             if (!planes[c])
                 continue;
+            floats[count] = p->format == PELL_PLANE_F32;
             all[count++] = planes[c];
             if (p->of_light)
                 written[outputs++] = planes[c];
@@ -205,7 +217,7 @@ static bool overlaps(const struct pell_frame *in, const struct pell_frame_light 
     for (size_t i = 0; i < outputs; i++) {
         int same = 0;
         for (size_t k = 0; k < count; k++)
-            same += written[i] == all[k];
+            same += written[i] == all[k] || (floats[k] && share_memory(&in->shape, written[i], all[k]));
         if (same > 1)
             return true;
     }
@@ -234,7 +246,8 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
     if (missing)
         return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "plane %s is NULL, but method %s needs it", missing, pass->method->name);
     if (overlaps(in, out))
-        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "a plane of the output is given twice, or is one of the frame's own");
+        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL,
+                          "a plane of the output has memory of another, or of one of the frame's own");
     if (r.x0 >= r.x1 || r.y0 >= r.y1)
         return PELL_OK;
     return pass->engine->record(pass->state, in, out);

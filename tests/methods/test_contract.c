@@ -846,6 +846,10 @@ static void a_frame_of_another_shape_is_refused(void **state)
     twice.light[0] = (float *) p->frame.depth;
     assert_int_equal(pell_pass_render(pass, &p->frame, &twice), PELL_ERR_INVALID);
     assert_int_equal(kept.errors, 5);
+    twice = p->out;
+    twice.light[1] = twice.light[0] + p->frame.shape.stride + 3; /* part of the same memory */
+    assert_int_equal(pell_pass_render(pass, &p->frame, &twice), PELL_ERR_INVALID);
+    assert_int_equal(kept.errors, 6);
     pell_pass_destroy(&pass);
     patch_run(&at, on->method, form(on->method), q);
     REQUIRE_REL((double) q->result[0][patch_at(q, 60, 46)], even_total(on->method, &m, 0), 1e-4);
