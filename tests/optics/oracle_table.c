@@ -12,11 +12,11 @@
  * Files are found as by project_file: run it at the root of the repository, or set PELL_ROOT.
  *
  * Photons are traced once for all channels of one index: these media differ in albedo alone (g = 0). */
+#include "photons.h"
 #include "stacks.h"
 
 #include "math/quadrature.h"
 #include "math/vec.h"
-#include "optics/photon/photon.h"
 
 /* --- Rows ------------------------------------------------------------------------------------------------------------------------- */
 
@@ -870,19 +870,6 @@ static void walk(const struct pell_photon_stack *s, uint64_t photons, uint64_t s
             straight[face][b] /= (double) each;
 }
 
-static struct pell_photon_stack medium_of_photons(double sigma_a, double sigma_s, double g, double n, double thickness)
-{
-    return (struct pell_photon_stack) { .count = 1,
-                                        .layer = { { sigma_a, sigma_s, g, n, thickness } },
-                                        .n_above = 1.0,
-                                        .n_below = 1.0,
-                                        .mu_min = 1.0,
-                                        .mu_max = 1.0,
-                                        .inside = true,
-                                        .roulette = 64,
-                                        .collisions_max = 100000 };
-}
-
 /* Our photons against a number with an error of its own, in combined standard errors. */
 static void within(const double x[BATCHES], double theirs, double error)
 {
@@ -898,8 +885,7 @@ static void compare_photon_slabs(json_t *root)
     double sum[BATCHES];
     begin("montecarlo", "van_de_hulst", "R and T of a slab by our photons", "standard errors", 3.0);
     const double mu_a = oracle_number(row, "mu_a_per_cm"), mu_s = oracle_number(row, "mu_s_per_cm");
-    struct pell_photon_stack s =
-        medium_of_photons(mu_a, mu_s, oracle_number(row, "g"), oracle_number(row, "n"), oracle_number(row, "d_cm"));
+    struct pell_photon_stack s = photons_in_layer(mu_a, mu_s, oracle_number(row, "g"), oracle_number(row, "n"), oracle_number(row, "d_cm"));
     s.roulette = 0;
     memset(tallies, 0, sizeof(tallies));
     tally_count = 1;
@@ -917,7 +903,7 @@ static void compare_photon_slabs(json_t *root)
     begin("montecarlo", "giovanelli", "the half-space by our photons", "standard errors", 3.0);
     memset(tallies, 0, sizeof(tallies));
     tallies[0].alpha = 0.9;
-    s = medium_of_photons(0.0, 1.0, 0.0, oracle_number(row, "n"), INFINITY);
+    s = photons_in_layer(0.0, 1.0, 0.0, oracle_number(row, "n"), INFINITY);
     walk(&s, 200000, 2);
     within(tallies[0].total[0], oracle_number(row, "Rd_per_transmitted_photon"), oracle_number(row, "se"));
 
@@ -930,7 +916,7 @@ static void compare_photon_slabs(json_t *root)
     {
         memset(tallies, 0, sizeof(tallies));
         tallies[0].alpha = oracle_number(row, "alpha");
-        s = medium_of_photons(0.0, 1.0, 0.0, oracle_number(row, "n"), oracle_number(row, "optical_thickness"));
+        s = photons_in_layer(0.0, 1.0, 0.0, oracle_number(row, "n"), oracle_number(row, "optical_thickness"));
         walk(&s, 30000, 20 + i);
         within(tallies[0].total[0], oracle_number(row, "mc_R"), oracle_number(row, "mc_R_se"));
         for (int b = 0; b < BATCHES; b++)
@@ -1269,7 +1255,7 @@ static void walk_media(uint64_t photons)
         for (int k = 0; k < i; k++)
             done |= media[k]->medium.eta == media[i]->medium.eta;
         walking_eta = media[i]->medium.eta;
-        const struct pell_photon_stack s = medium_of_photons(0.0, 1.0, 0.0, walking_eta, INFINITY);
+        const struct pell_photon_stack s = photons_in_layer(0.0, 1.0, 0.0, walking_eta, INFINITY);
         if (!done)
             walk(&s, photons, 2001);
     }

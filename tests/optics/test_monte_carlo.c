@@ -3,10 +3,10 @@
  * and properties of every profile. */
 #include "math/quadrature.h"
 #include "math/vec.h"
-#include "optics/photon/photon.h"
 #include "optics/photon/table.h"
 #include "optics/profile/shape.h"
 #include "oracle.h"
+#include "photons.h"
 
 /* Relative error that interpolation adds to the errors of the nodes: for totals, which have a kink at eta = 1, and for the flux through
  * rings. Measured at the media below with twenty times the photons. */
@@ -210,15 +210,7 @@ static void leave(void *user, const struct pell_photon_exit *e)
 static double shoot(double albedo, double g, double eta, uint64_t seed, struct count *c)
 {
     const double alpha = pell_albedo_of_reduced(albedo, g);
-    const struct pell_photon_stack s = { .count = 1,
-                                         .layer = { { 0.0, 1.0, g, eta, INFINITY } },
-                                         .n_above = 1.0,
-                                         .n_below = 1.0,
-                                         .mu_min = 1.0,
-                                         .mu_max = 1.0,
-                                         .inside = true,
-                                         .roulette = 64,
-                                         .collisions_max = 100000 };
+    const struct pell_photon_stack s = photons_in_layer(0.0, 1.0, g, eta, INFINITY);
     const int each = (int) (60000.0 * (1.0 - fmax(g, 0.0))) / BATCHES;
     struct pell_photon_sums sums = { 0 };
 

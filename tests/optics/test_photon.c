@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * test_photon.c - photon tracing against published values and closed forms. Errors are from 20 batches; seeds are fixed. */
-#include "optics/photon/photon.h"
+#include "photons.h"
 #include "slow.h"
 
 #include "base/pool.h"
@@ -98,14 +98,11 @@ static void run(const struct pell_photon_stack *stack, const struct count *setup
 
 static struct pell_photon_stack half_space(double sigma_a, double sigma_s, double g, double eta)
 {
-    return (struct pell_photon_stack) { .count = 1,
-                                        .layer = { { sigma_a, sigma_s, g, eta, INFINITY } },
-                                        .n_above = 1.0,
-                                        .n_below = 1.0,
-                                        .mu_min = 1.0,
-                                        .mu_max = 1.0,
-                                        .inside = true,
-                                        .collisions_max = 20000 };
+    struct pell_photon_stack s = photons_in_layer(sigma_a, sigma_s, g, eta, INFINITY);
+
+    s.roulette = 0;
+    s.collisions_max = 20000;
+    return s;
 }
 
 static struct pell_photon_stack slab(double sigma_a, double sigma_s, double g, double n, double d)

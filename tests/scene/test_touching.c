@@ -107,7 +107,19 @@ static void only_equal_media_are_joined(void **state)
     }
 }
 
-/* The lower and the upper half of a ball: each is open. */
+/* The lower and the upper half of a ball as two objects, each open; the upper one without its last `missing` triangles. */
+static void half_balls(struct pair *p, uint32_t missing)
+{
+    for (int i = 0; i < 2; i++) {
+        struct pell_mesh *m = shapes_ball(p->scene, 0, vec3(0, 0, 0), 10.0f, 24);
+        const uint32_t half = m->num_triangles / 2;
+        m->object = i;
+        if (i == 1)
+            memmove(m->index, m->index + 3 * (size_t) half, 3 * (size_t) (m->num_triangles - half) * sizeof(*m->index));
+        m->num_triangles = i == 0 ? half : m->num_triangles - half - missing;
+    }
+}
+
 static void pieces_of_a_closed_surface_are_joined(void **state)
 {
     struct pair p;
@@ -115,14 +127,7 @@ static void pieces_of_a_closed_surface_are_joined(void **state)
     (void) state;
     for (int complete = 0; complete < 2; complete++) {
         start(&p);
-        for (int i = 0; i < 2; i++) {
-            struct pell_mesh *m = shapes_ball(p.scene, 0, vec3(0, 0, 0), 10.0f, 24);
-            const uint32_t half = m->num_triangles / 2;
-            m->object = i;
-            if (i == 1)
-                memmove(m->index, m->index + 3 * (size_t) half, 3 * (size_t) (m->num_triangles - half) * sizeof(*m->index));
-            m->num_triangles = i == 0 ? half : m->num_triangles - half - (complete ? 0 : 1);
-        }
+        half_balls(&p, complete ? 0 : 1);
         assert_int_equal(assemblies_when_complete(&p), complete ? 1 : 2);
     }
 }
@@ -217,14 +222,7 @@ static void parts_that_are_inside_out_are_turned(void **state)
         double volume = 0.0;
         start(&p);
         if (halves) {
-            for (int i = 0; i < 2; i++) {
-                struct pell_mesh *m = shapes_ball(p.scene, 0, vec3(0, 0, 0), 10.0f, 24);
-                const uint32_t half = m->num_triangles / 2;
-                m->object = i;
-                if (i == 1)
-                    memmove(m->index, m->index + 3 * (size_t) half, 3 * (size_t) (m->num_triangles - half) * sizeof(*m->index));
-                m->num_triangles = i == 0 ? half : m->num_triangles - half;
-            }
+            half_balls(&p, 0);
         } else {
             box(&p, 0, vec3(0, 0, 0), vec3(10, 10, 10));
             box(&p, 0, vec3(10, 0, 0), vec3(20, 10, 10));

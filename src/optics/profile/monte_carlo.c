@@ -35,16 +35,15 @@ struct beyond {
     double factor; /* of multiple scattering at all radii */
 };
 
-static bool reach_beyond(const struct pell_medium *medium, int channel, double albedo, double albedo_clamped,
+static bool reach_beyond(const struct pell_medium *medium, int channel, double albedo, double albedo_clamped, double g_clamped,
                          const struct pell_single *single, double *multiple, struct beyond *b)
 {
     const double a = medium->sigma_a[channel], s = medium->sigma_s_reduced[channel], reduced = s / (a + s), g = medium->g[channel];
-    const double g_edge = fmin(fmax(g, pell_photon_table_data.g[0]), pell_photon_table_data.g[PELL_TABLE_G - 1]);
     const double eta = medium->eta, edge = fmin(fmax(eta, pell_photon_table_data.eta[0]), pell_photon_table_data.eta[PELL_TABLE_ETA - 1]);
-    const double at_edge = *multiple, twice = albedo_clamped * albedo_clamped, once = albedo_clamped * pell_single_total(g_edge, edge);
+    const double at_edge = *multiple, twice = albedo_clamped * albedo_clamped, once = albedo_clamped * pell_single_total(g_clamped, edge);
     double ratio;
 
-    if ((eta == edge && g == g_edge) || at_edge <= 0.0)
+    if ((eta == edge && g == g_clamped) || at_edge <= 0.0)
         return false;
     b->there = pell_dipole_make(1.0 - reduced, reduced, eta, PELL_FRESNEL_EXACT);
     b->edge = pell_dipole_make(1.0 - reduced, reduced, edge, PELL_FRESNEL_EXACT);
@@ -78,7 +77,7 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
         return PELL_OK;
     pell_multiple(albedo_reduced, g_clamped, eta, y, &multiple);
     pell_single_make(g, eta, &single);
-    is_beyond = reach_beyond(medium, channel, albedo, albedo_clamped, &single, &multiple, &beyond);
+    is_beyond = reach_beyond(medium, channel, albedo, albedo_clamped, g_clamped, &single, &multiple, &beyond);
     total = albedo_clamped * albedo_clamped * multiple;
     if (!params->without_single)
         total = fmin(1.0, total + albedo * single.total);
