@@ -132,12 +132,12 @@ enum pell_engine_resource {
     PELL_ENGINE_PLANES, /* for an image size; extended whenever a frame needs more planes */
     PELL_ENGINE_RASTER, /* for a scene and a size */
     PELL_ENGINE_LIGHTS,
+    PELL_ENGINE_UNSCATTERED, /* media that transmit light unscattered */
     PELL_ENGINE_CONTACT,     /* contact shadow below the objects */
     PELL_ENGINE_CURVATURE,   /* of translucent objects */
     PELL_ENGINE_LINKS,       /* links along which surfaces light each other */
     PELL_ENGINE_INDIRECT,    /* indirect light along the links */
     PELL_ENGINE_THROUGH,     /* light transport through solids, for methods that add transmitted light */
-    PELL_ENGINE_UNSCATTERED, /* media that transmit light unscattered, for methods that do not handle it themselves */
     PELL_ENGINE_RESOURCES
 };
 

@@ -111,6 +111,12 @@ bool pell_cpu_spreads(const struct pell_engine_frame *frame)
     return frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION) && frame->plan->spreads;
 }
 
+/* Only methods whose result is exitance need it: others return images, which include it, or only other light. */
+bool pell_cpu_sees_through(const struct pell_cpu *e, const struct pell_engine_frame *frame)
+{
+    return e->unscattered && frame->plan && frame->plan->quantity == PELL_QUANTITY_EXITANCE && !(frame->plan->outputs & PELL_OUTPUT_SINGLE);
+}
+
 /* Whether the shadows of highlights are noisy, so that pixels share them. */
 static bool shares_highlights(const struct pell_engine_frame *frame)
 {
@@ -127,7 +133,8 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     const struct pell_settings *s = frame->settings;
     const bool separates_single = frame->plan && frame->materials->separates_single,
                has_outputs = frame->plan && (frame->plan->outputs || separates_single),
-               hits = s->bounces > 0 || e->unscattered || s->curvature || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
+               hits = s->bounces > 0 || pell_cpu_sees_through(e, frame) || s->curvature ||
+                      (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
     const bool by_object = pell_separates_objects(frame->materials, frame->plan);
     struct pell_planes_wanted w = { .count = 0 };
     enum pell_result res;
@@ -274,14 +281,12 @@ static enum pell_result make_through(struct pell_cpu *e, const struct pell_engin
     return res;
 }
 
-/* Only for methods whose result is exitance: others return images, which include it, or only other light. */
 static enum pell_result make_unscattered(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const double start = pell_seconds();
     enum pell_result res;
 
-    if (!frame->settings->unscattered || !frame->plan || frame->plan->quantity != PELL_QUANTITY_EXITANCE ||
-        (frame->plan->outputs & PELL_OUTPUT_SINGLE))
+    if (!frame->settings->unscattered)
         return PELL_OK;
     res = pell_unscattered_create(e->ctx, e->scene, e->rays, frame->materials->frame_index, frame->materials->frame, &e->unscattered);
     pell_stage_note(frame->notes, "unscattered", pell_seconds() - start, 0, 0, 0);
@@ -547,7 +552,7 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
     struct pell_composite_params *p = &e->composite;
     double start;
 
-    if (scattered->present && e->unscattered)
+    if (scattered->present && pell_cpu_sees_through(e, sample->frame))
         pell_cpu_see_through(e, sample);
     start = pell_seconds();
     if (scattered->present) {
@@ -559,7 +564,7 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
         p->single = has_own_plane(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE]
                     : sample->frame->materials->separates_single    ? (const float *const *) e->lighting.single
                                                                     : NULL;
-        p->unscattered = e->unscattered ? (const float *const *) e->display : NULL;
+        p->unscattered = pell_cpu_sees_through(e, sample->frame) ? (const float *const *) e->display : NULL;
         p->reflected = has_own_plane(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
         p->standard_error = scattered->standard_error[0] ? scattered->standard_error : NULL;
     }

@@ -16,6 +16,7 @@ struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix
                                        : NULL,
         .curvature = e->curvature,
         .opposed = e->settings->opposed,
+        .unscattered = e->unscattered,
         .indirect = e->indirect_solved ? e->indirect : NULL,
         .seed = pell_settings_seed(e->settings),
     };

@@ -45,7 +45,7 @@ struct pell_cpu {
     struct pell_indirect *solid_light;    /* the same, with light transport through solids; NULL: none */
     bool whole_solid;                     /* `solid_light` is for a method that integrates over the whole solid */
     bool between_faces;                   /* `solid_light` includes transport between faces */
-    struct pell_unscattered *unscattered; /* NULL: off, nothing is thin enough, or the method includes it */
+    struct pell_unscattered *unscattered; /* NULL: off, or nothing is thin enough */
     bool indirect_solved;                 /* the indirect light is up to date with the lights */
 
     struct pell_raster *raster; /* NULL: camera visibility is ray traced */
@@ -101,6 +101,8 @@ void pell_cpu_lend(void *engine, struct pell_services *services);
 
 /* --- engine_cpu_around.c: stages before and after the method ----------------------------------------------------------------------- */
 
+/* Whether unscattered light shows what is behind thin parts: the method's result does not. */
+bool pell_cpu_sees_through(const struct pell_cpu *e, const struct pell_engine_frame *frame);
 /* After the irradiance, with lighting.hidden. */
 void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample);
 /* Unscattered light, for the composite. */

@@ -87,7 +87,7 @@ static enum pell_result vulkan_sample(void *engine, const struct pell_engine_sam
         .irradiance = &light,
         .composite = &composite,
         .pass = pass,
-        .unscattered = pass && e->unscattered,
+        .unscattered = pass && pell_cpu_sees_through(e, sample->frame),
         .spreads = pass && pell_cpu_spreads(sample->frame),
         .lens = sample->frame->lens->radius > 0.0f ? e->post_device : NULL,
         .rays = e->lights ? e->lights->light_samples : 1,

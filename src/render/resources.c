@@ -379,6 +379,16 @@ static void drop_lights(struct pell_renderer *r)
     r->device->engine->drop(r->engine, PELL_ENGINE_LIGHTS);
 }
 
+static enum pell_result make_unscattered(struct pell_renderer *r)
+{
+    return make_in_engine(r, PELL_ENGINE_UNSCATTERED, NULL);
+}
+
+static void drop_unscattered(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_UNSCATTERED);
+}
+
 static enum pell_result make_curvature(struct pell_renderer *r)
 {
     return make_in_engine(r, PELL_ENGINE_CURVATURE, NULL);
@@ -427,16 +437,6 @@ static enum pell_result make_through(struct pell_renderer *r)
 static void drop_through(struct pell_renderer *r)
 {
     r->device->engine->drop(r->engine, PELL_ENGINE_THROUGH);
-}
-
-static enum pell_result make_unscattered(struct pell_renderer *r)
-{
-    return make_in_engine(r, PELL_ENGINE_UNSCATTERED, r->pass ? pell_pass_plan(r->pass) : NULL);
-}
-
-static void drop_unscattered(struct pell_renderer *r)
-{
-    r->device->engine->drop(r->engine, PELL_ENGINE_UNSCATTERED);
 }
 
 /* --- The method's pass ------------------------------------------------------------------------------------------------------------- */
@@ -524,6 +524,7 @@ static const struct resource {
     { PELL_INPUT_SIZE, NULL, make_planes, drop_planes },
     { PELL_INPUT_SCENE | PELL_INPUT_SIZE, NULL, make_raster, drop_raster },
     { PELL_INPUT_SCENE | PELL_INPUT_LIGHTS, NULL, make_lights, drop_lights },
+    { PELL_INPUT_SCENE | PELL_INPUT_PROFILE, NULL, make_unscattered, drop_unscattered },
     { PELL_INPUT_SCENE | PELL_INPUT_PROFILE, NULL, make_curvature, drop_curvature },
     { PELL_INPUT_SCENE, NULL, make_contact, drop_contact },
     { PELL_INPUT_SCENE | PELL_INPUT_BOUNCES, NULL, make_links, drop_links },
@@ -532,7 +533,6 @@ static const struct resource {
       make_pass, drop_pass },
     { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_PROFILE | PELL_INPUT_LIGHTS | PELL_INPUT_BOUNCES, NULL,
       make_through, drop_through },
-    { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_PROFILE, NULL, make_unscattered, drop_unscattered },
 };
 enum { OF_SCENE = 2 /* the first ones, which depend on the scene alone */ };
 

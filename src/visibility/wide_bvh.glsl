@@ -102,3 +102,9 @@ bool trace_ray(Ray ray, bool any, out Hit hit)
     }
     return any_hit;
 }
+
+// A vertex of the triangle that was hit.
+vec3 hit_corner(Hit hit, uint k)
+{
+    return uintBitsToFloat(bvh_triangles[3u * hit.at + k].xyz);
+}

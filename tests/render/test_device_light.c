@@ -5,6 +5,7 @@
 #include "lights_rig.h"
 
 #include "render/irradiance/device.h"
+#include "render/unscattered/stage.h"
 #include "scene/triangle.h"
 #include "vulkan/core.h"
 
@@ -429,6 +430,58 @@ static void slices_make_one_picture(void **state)
     device_finish(&d);
 }
 
+/* What clear slabs, nested shells and a ball pass into their shadows, in slices of many samples, too. */
+static void media_pass_light_as_on_the_cpu(void **state)
+{
+    static const uint16_t index[] = { 0, 1, 1, 0, 1, 0 }; /* of materials: 2 and 4 are opaque */
+    const struct pell_frame_material medium = {
+        .medium = { .sigma_a = { 0.02, 0.05, 0.1 }, .sigma_s_reduced = { 0.01, 0.02, 0.03 }, .eta = 1.3 }, .name = "clear"
+    };
+    struct device d;
+    (void) state;
+
+    device_start(&d);
+    for (int many = 0; many < 2; many++) {
+        struct pell_unscattered *media;
+        struct pell_lighting l;
+        struct rig r;
+        double with = 0.0, without = 0.0;
+
+        rig_begin(&r, 48, 36);
+        r.smooth = r.solid = many == 1;
+        r.settings.light_samples = many ? 2 * PELL_LIT_PASSING + 2 : 3;
+        many_surfaces(&r);
+        rig_box(&r, 0, 6, vec3(-10.3f, -19.6f, 20), vec3(19.7f, 3.6f, 26));
+        rig_box(&r, 0, 7, vec3(-29.3f, 0.1f, 22), vec3(-12.3f, 19.7f, 24));
+        rig_sphere(&r, 1, 8, vec3(4, 4, 36), 8.0f, 12);
+        rig_sphere(&r, 1, 8, vec3(4, 4, 36), 6.0f, 12);
+        for (int kind = 0; kind < (int) ALL; kind++)
+            if (!many || kind == RECT || kind == DISC)
+                add_light(&r, (enum kind) kind, false);
+        rig_render(&r);
+        for (size_t i = 0; i < (size_t) r.surface.stride * 36; i++)
+            without += (double) r.light.irradiance[0][i];
+        OK(pell_unscattered_create(r.ctx, r.scene, r.rays, index, &medium, &media));
+        assert_non_null(media);
+        r.unscattered = media;
+        rig_clear(&r);
+        rig_render(&r);
+        for (size_t i = 0; i < (size_t) r.surface.stride * 36; i++)
+            with += (double) r.light.irradiance[0][i];
+        print_message("# light %.4g, with what passes %.4g\n", without, with);
+        REQUIRE(with > 1.02 * without);
+        set(&d, &r);
+        l = render_on(&d, &r, r.pool);
+        compare(&r, &l, "passing");
+        pell_free(r.ctx, l.irradiance[0]);
+        pell_light_device_drop_lights(d.light);
+        pell_light_device_drop_scene(d.light);
+        pell_unscattered_destroy(&media);
+        rig_finish(&r);
+    }
+    device_finish(&d);
+}
+
 /* Mean path length of transmitted light, where there is some. */
 static void compare_path_lengths(const struct rig *r, const float *cpu, const float *gpu)
 {
@@ -654,10 +707,15 @@ static void allocations_that_fail_are_reported(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(each_light_is_the_cpus),       cmocka_unit_test(slices_make_one_picture),
-        cmocka_unit_test(light_passes_as_on_the_cpu),   cmocka_unit_test(what_no_buffer_holds_passes_on_the_cpu),
-        cmocka_unit_test(batches_make_one_picture),     cmocka_unit_test(what_the_device_cannot_do_it_refuses),
-        cmocka_unit_test(calls_that_fail_are_reported), cmocka_unit_test(allocations_that_fail_are_reported),
+        cmocka_unit_test(each_light_is_the_cpus),
+        cmocka_unit_test(slices_make_one_picture),
+        cmocka_unit_test(light_passes_as_on_the_cpu),
+        cmocka_unit_test(what_no_buffer_holds_passes_on_the_cpu),
+        cmocka_unit_test(media_pass_light_as_on_the_cpu),
+        cmocka_unit_test(batches_make_one_picture),
+        cmocka_unit_test(what_the_device_cannot_do_it_refuses),
+        cmocka_unit_test(calls_that_fail_are_reported),
+        cmocka_unit_test(allocations_that_fail_are_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -65,8 +65,8 @@ static enum pell_result null_open(struct pell_context *ctx, struct pell_pool *po
 
 static enum pell_result null_make(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame)
 {
-    static const char *const names[] = { "scene",     "planes", "raster",   "lights",  "contact",
-                                         "curvature", "links",  "indirect", "through", "unscattered" };
+    static const char *const names[] = { "scene",   "planes",    "raster", "lights",   "unscattered",
+                                         "contact", "curvature", "links",  "indirect", "through" };
     struct null_engine *e = engine;
     enum pell_result res = call(names[resource]);
 
@@ -78,8 +78,8 @@ static enum pell_result null_make(void *engine, enum pell_engine_resource resour
 
 static void null_drop(void *engine, enum pell_engine_resource resource)
 {
-    static const char *const names[] = { "-scene",     "-planes", "-raster",   "-lights",  "-contact",
-                                         "-curvature", "-links",  "-indirect", "-through", "-unscattered" };
+    static const char *const names[] = { "-scene",   "-planes",    "-raster", "-lights",   "-unscattered",
+                                         "-contact", "-curvature", "-links",  "-indirect", "-through" };
     struct null_engine *e = engine;
 
     (void) call(names[resource]);
@@ -293,7 +293,7 @@ static void a_frame_runs_its_stages_in_order(void **state)
     s.settings.seed = ((int64_t) 5 << 32) + 9;
     seen.empty = 1;
     stage_render(&s);
-    assert_string_equal(take_calls(), "planes raster lights curvature contact links indirect create through unscattered planes "
+    assert_string_equal(take_calls(), "planes raster lights unscattered curvature contact links indirect create through planes "
                                       "surface irradiance composite "
                                       "surface irradiance lit hand-over record composite "
                                       "surface irradiance lit hand-over record composite "
@@ -351,7 +351,7 @@ static void a_change_makes_anew_what_depends_on_it(void **state)
     assert_int_equal(seen.in.lights_revision, 2);
     s.settings.profile = 2;
     assert_string_equal(again(&s),
-                        "-unscattered -through destroy -indirect -curvature curvature indirect create through unscattered planes ");
+                        "-through destroy -indirect -curvature -unscattered unscattered curvature indirect create through planes ");
     s.settings.bounces = 3;
     assert_string_equal(again(&s), "-through -indirect -links links indirect through planes ");
     s.settings.layers = true;
@@ -359,14 +359,14 @@ static void a_change_makes_anew_what_depends_on_it(void **state)
     s.settings.width++;
     assert_string_equal(again(&s), "destroy -raster -planes planes raster create planes ");
     OK(pell_renderer_set_method(s.r, &probe_method, NULL));
-    assert_string_equal(again(&s), "-unscattered -through destroy create through unscattered planes ");
+    assert_string_equal(again(&s), "-through destroy create through planes ");
     OK(pell_renderer_set_scene(s.r, s.scene));
     assert_string_equal(
         again(&s),
-        "-unscattered -through destroy -indirect -links -contact -curvature -lights -raster -scene scene raster lights curvature "
-        "contact links indirect create through unscattered planes ");
+        "-through destroy -indirect -links -contact -curvature -unscattered -lights -raster -scene scene raster lights unscattered "
+        "curvature contact links indirect create through planes ");
     OK(pell_renderer_set_scene(s.r, NULL));
-    assert_string_equal(take_calls(), "-unscattered -through destroy -indirect -links -contact -curvature -lights -raster -scene ");
+    assert_string_equal(take_calls(), "-through destroy -indirect -links -contact -curvature -unscattered -lights -raster -scene ");
     stage_finish(&s);
     assert_string_equal(take_calls(), "-planes ");
 }

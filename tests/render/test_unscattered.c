@@ -216,7 +216,9 @@ static void ways_come_out_by_degrees_around_the_critical_angle(void **state)
         const double angle = critical + 0.05 * k, sine = sin(angle), cosine = cos(angle);
         double found = 0.0, expected = 0.0, all = 0.0;
         for (uint32_t i = 0; i < SIDE * SIDE; i++) {
-            const struct unscattered_hit f = { .n = vec3(0, 0, 1), .ng = vec3(0, 0, 1), .roughness = roughness, .n1 = n1, .n2 = n2 };
+            const struct unscattered_hit f = {
+                .n = vec3(0, 0, 1), .ng = vec3(0, 0, 1), .boundary.roughness = roughness, .n1 = n1, .n2 = n2
+            };
             struct unscattered_path w = { .direction = vec3((float) sine, 0, (float) -cosine), .weight = { 1, 1, 1 } };
             bool out;
             w.random = (struct unscattered_random) { .x = i % SIDE, .y = i / SIDE, .seed = 3 };

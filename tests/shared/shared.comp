@@ -21,6 +21,7 @@
 #include "shared/phase.h"
 #include "shared/sampling.h"
 #include "shared/single.h"
+#include "shared/through.h"
 #include "shared/spread.h"
 #include "shared/subdivision.h"
 #include "shared/table.h"
@@ -90,7 +91,8 @@ float scattered(float c)
 {
     const float g = phases[0].a[0], base = PELL_PHASE_HG_BASE(g, c);
     const float m = pell_single_cosine(0.5f, c), turn = pell_single_phase_cosine(0.5f, c, c, g, m, m);
-    return pell_phase_evaluate(phases[1], c) + PELL_PHASE_HG_VALUE(g, base, sqrt(base)) + pell_single_radiance(0.9f, g, turn, m, m);
+    return pell_phase_evaluate(phases[1], c) + PELL_PHASE_HG_VALUE(g, base, sqrt(base)) + pell_single_radiance(0.9f, g, turn, m, m) +
+           pell_through_near(c, g, m);
 }
 
 float filmic(vec3 light)

@@ -30,6 +30,7 @@ struct rig {
     struct pell_lights *lights;
     struct pell_lighting light;
     struct pell_view view;
+    const struct pell_unscattered *unscattered; /* of the test: media that pass light into their shadows */
 };
 
 #define OK(expr) assert_int_equal(expr, PELL_OK)
@@ -198,6 +199,7 @@ static inline struct pell_irradiance_params rig_params(const struct rig *r)
         .surface = &r->surface,
         .tables = r->tables,
         .thickness = r->thickness,
+        .unscattered = r->unscattered,
         .mix = -1.0f,
         .smooth = r->smooth,
         .shared = true,

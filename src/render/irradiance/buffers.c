@@ -65,41 +65,42 @@ void pell_light_device_drop_scene(struct pell_light_device *d)
     d->scene_why = NULL;
 }
 
-/* Mesh data for transmission, if a buffer holds it. */
+/* Mesh data; for transmission that of triangles, too, if a buffer holds it. */
 static enum pell_result send_meshes(struct pell_light_device *d, const struct pell_scene *scene)
 {
     struct pell_lit_mesh *meshes = pell_calloc(d->ctx, scene->num_meshes + 1, sizeof(*meshes));
     uint32_t *corners = NULL, at = 0;
     uint64_t words = 0;
+    bool fits;
     enum pell_result res = PELL_ERR_NOMEM;
 
     if (!meshes)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < scene->num_meshes; i++)
         words += 3 * ((uint64_t) scene->meshes[i].num_triangles + (scene->meshes[i].normal ? scene->meshes[i].num_vertices : 0));
-    if (words * sizeof(*corners) > pell_gpu_buffer_most(d->gpu)) {
-        pell_free(d->ctx, meshes);
-        return PELL_OK;
-    }
-    corners = pell_alloc_array(d->ctx, (size_t) words + 1, sizeof(*corners));
+    fits = words * sizeof(*corners) <= pell_gpu_buffer_most(d->gpu);
+    corners = pell_alloc_array(d->ctx, fits ? (size_t) words + 1 : 1, sizeof(*corners));
     if (!corners)
         goto fail;
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         meshes[i] = (struct pell_lit_mesh) { at, PELL_LIT_NONE, pell_mesh_assembly(mesh), mesh->material };
+        if (!fits)
+            continue;
         memcpy(corners + at, mesh->index, 3 * sizeof(*corners) * mesh->num_triangles);
         at += 3 * mesh->num_triangles;
     }
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
-        if (!mesh->normal)
+        if (!fits || !mesh->normal)
             continue;
         meshes[i].normals = at;
         memcpy(corners + at, mesh->normal, 3 * sizeof(*corners) * mesh->num_vertices);
         at += 3 * mesh->num_vertices;
     }
     PELL_TRY(send(d, MESHES, meshes, scene->num_meshes * sizeof(*meshes), "light, meshes"));
-    PELL_TRY(send(d, CORNERS, corners, (size_t) words * sizeof(*corners), "light, corners"));
+    if (fits)
+        PELL_TRY(send(d, CORNERS, corners, (size_t) words * sizeof(*corners), "light, corners"));
 
 fail:
     pell_free(d->ctx, corners);

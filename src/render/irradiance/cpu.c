@@ -169,6 +169,8 @@ static void add_light(const struct job *job, const struct pell_light_source *sou
                 pell_trace_occlusion(job, k, k->aim.front, true, &rays, visible);
             }
             job->kernels->front(data, &job->tables, &k->lanes, &k->aim, visible, highlights ? &gloss : NULL, front);
+            if (job->p->unscattered)
+                pell_pass_shadow(job, data, visible, k, front);
         } else if (pell_light_in_table(data) && !k->lit_by_device) {
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
         }

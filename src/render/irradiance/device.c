@@ -2,13 +2,14 @@
  * device.c - see device.h. */
 #include "render/indirect/stage.h"
 #include "render/irradiance/device_state.h"
+#include "render/unscattered/stage.h"
 
 #include <stddef.h>
 #include <string.h>
 
 #define AT(type, member, bytes) (offsetof(struct type, member) == (bytes))
 _Static_assert(sizeof(struct pell_lit_point) == 128 && AT(pell_lit_point, hash0, 96) && AT(pell_lit_point, material, 112) &&
-                   sizeof(struct pell_lit_material) == 144 && AT(pell_lit_material, enter_base, 32) &&
+                   sizeof(struct pell_lit_material) == 176 && AT(pell_lit_material, enter_base, 32) &&
                    sizeof(struct pell_lit_image) == 16 && sizeof(struct pell_lit_mesh) == 16 && sizeof(struct pell_lights_part) == 8 &&
                    sizeof(struct pell_lit_push) == 72,
                "as std430 lays them out");
@@ -158,6 +159,7 @@ static void fill_materials(const struct pell_light_device *d, const struct pell_
     for (size_t i = 0; i < d->scene->num_materials; i++) {
         const bool opaque = d->scene->materials[i].opaque;
         const struct pell_thickness_table *thickness = table_of(d, p, i);
+        const struct pell_unscattered_material medium = pell_unscattered_material(p->unscattered, d->scene, i);
         const struct pell_angle *angle = p->angle && !opaque ? &p->angle[i] : NULL;
         const struct pell_separate_single *separate = p->separate && !opaque ? &p->separate[i] : NULL;
         all[i] = (struct pell_lit_material) {
@@ -176,6 +178,10 @@ static void fill_materials(const struct pell_light_device *d, const struct pell_
             .pass_per_mm = rgb4(angle ? angle->pass_per_mm : none),
             .single_albedo = rgb4(separate ? separate->albedo : none),
             .single_g = rgb4(separate ? separate->g : none),
+            .sigma_t = rgb4(medium.sigma_t),
+            .roughness = medium.roughness,
+            .rho_s = medium.rho_s,
+            .is_traced = medium.is_traced,
         };
     }
 }
@@ -269,7 +275,8 @@ static struct pell_lit_push make_push(const struct pell_light_device *d, const s
         .environments = (uint32_t) lights->num_environments,
         .low = (uint32_t) p->lights,
         .high = (uint32_t) (p->lights >> 32),
-        .flags = (run->highlights ? PELL_LIT_HIGHLIGHTS : 0u) | (p->separate ? PELL_LIT_SINGLE : 0u),
+        .flags =
+            (run->highlights ? PELL_LIT_HIGHLIGHTS : 0u) | (p->separate ? PELL_LIT_SINGLE : 0u) | (p->unscattered ? PELL_LIT_PASSES : 0u),
         .ambient_samples = (uint32_t) lights->ambient_samples,
         .light_bits = lights->light_bits,
         .ambient_bits = lights->ambient_bits,
@@ -295,7 +302,7 @@ struct pell_light_layout pell_light_device_record(struct pell_light_device *d, c
     const bool through = d->through && run->params->thickness;
 
     pell_gpu_mark(commands, "direct light");
-    run_pass(d, run->params, commands, d->direct, PELL_LIT_SLICE, push);
+    run_pass(d, run->params, commands, d->direct, run->params->unscattered ? PELL_LIT_PASSING : PELL_LIT_SLICE, push);
     if (through) {
         pell_gpu_mark(commands, "transmission");
         run_pass(d, run->params, commands, d->transmission, PELL_LIT_THROUGH, push);

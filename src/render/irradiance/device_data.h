@@ -23,12 +23,14 @@
 /* Flags of struct pell_lit_push. */
 #define PELL_LIT_HIGHLIGHTS 1u
 #define PELL_LIT_SINGLE 2u
-#define PELL_LIT_START 4u  /* the first slice: results are not initialized */
-#define PELL_LIT_RESUME 8u /* the slice has one light, whose first samples were in the previous slice, */
-#define PELL_LIT_PAUSE 16u /* whose last samples are in a later slice */
+#define PELL_LIT_START 4u   /* the first slice: results are not initialized */
+#define PELL_LIT_RESUME 8u  /* the slice has one light, whose first samples were in the previous slice, */
+#define PELL_LIT_PAUSE 16u  /* whose last samples are in a later slice */
+#define PELL_LIT_PASSES 32u /* media pass light into their shadows */
 
 #define PELL_LIT_SLICE 16  /* samples of a slice of direct.comp, */
-#define PELL_LIT_THROUGH 8 /* and of transmission.comp, which traces more rays per sample */
+#define PELL_LIT_PASSING 4 /* with PELL_LIT_PASSES, */
+#define PELL_LIT_THROUGH 8 /* and of transmission.comp; these trace more rays per sample */
 #define PELL_LIT_HIGHLIGHT_STATE_WORDS 2
 #define PELL_LIT_THROUGH_WORDS 3
 
@@ -84,6 +86,9 @@ struct pell_lit_material {
     PELL_VEC4 enter_base, enter_slope; /* see render/angle.h */
     PELL_VEC4 pass_base, pass_slope, pass_per_mm;
     PELL_VEC4 single_albedo, single_g; /* see render/single.h */
+    PELL_VEC4 sigma_t;                 /* of media that pass light into their shadows: see render/unscattered/stage.h */
+    float roughness, rho_s;            /* of their boundary, without maps */
+    int32_t is_traced, unused;
 };
 
 /* A mesh of the scene. */

@@ -26,8 +26,8 @@ enum pell_light_buffer {
     IMAGES,
     POINTS,
     RESULTS,
-    MESHES, /* and on: transmission.comp */
-    CORNERS,
+    MESHES,
+    CORNERS, /* and on: transmission.comp */
     PARTS,
     THICKNESS,
     SKY, /* for picture/device.h */
@@ -65,7 +65,7 @@ struct pell_light_device {
 /* Whether some light's highlight is made in several slices. */
 static inline bool light_device_has_state(const struct pell_light_device *d)
 {
-    return d->most_samples > PELL_LIT_SLICE;
+    return d->most_samples > PELL_LIT_PASSING; /* the smallest slice */
 }
 
 /* --- buffers.c ----------------------------------------------------------------------------------------------------------------------- */

@@ -9,6 +9,7 @@ layout(local_size_x = 64) in;
 #include "render/irradiance/direct.glsl"
 #include "render/irradiance/lit_rays.glsl"
 #include "render/irradiance/gloss.glsl"
+#include "render/irradiance/through.glsl"
 
 // Light at a point; `rays`: traced for it.
 struct Sums {
@@ -33,6 +34,20 @@ void resume(uint at, inout Highlight highlight)
     highlight.occluded = uintBitsToFloat(results[at + 1u].rgb);
 }
 
+// Adds what passes media of a light that is occluded; what passes was counted as lost.
+void add_passed(pell_light_data light, Point p, Aim a, vec3 through, bool highlights, inout Sums sums)
+{
+    vec3 passed = vec3(0.0);
+
+    if (max(through.r, max(through.g, through.b)) <= 0.0)
+        return;
+    a.intensity *= through;
+    add_front(p, a, passed, sums.single);
+    sums.irradiance += passed;
+    if (highlights && is_area_light(light))
+        sums.lost -= passed;
+}
+
 // Adds the slice's samples of a light. `state`: in the results.
 void add_light(pell_light_data light, Point p, uint state, inout Sums sums)
 {
@@ -49,7 +64,9 @@ void add_light(pell_light_data light, Point p, uint state, inout Sums sums)
 
         if (lit && (a.gl > 0.0 || p.lifted) && a.nl > 0.0) {
             const bool away = light.type == PELL_LIGHT_DATA_DIRECTIONAL;
-            const bool visible = is_unoccluded(p.origin, away ? a.direction : a.end - p.origin, away ? FAR : 0.9999);
+            const vec3 to = away ? a.direction : a.end - p.origin;
+            const float far = away ? FAR : 0.9999;
+            const bool visible = is_unoccluded(p.origin, to, far);
             sums.rays++;
             if (visible)
                 add_front(p, a, sums.irradiance, sums.single);
@@ -57,6 +74,8 @@ void add_light(pell_light_data light, Point p, uint state, inout Sums sums)
                 add_front(p, a, sums.lost, unused);
             if (highlights)
                 add_highlight(light, p, a, visible, highlight);
+            if (!visible && (pc.flags & PELL_LIT_PASSES) != 0u)
+                add_passed(light, p, a, pass_shadow(p.origin, to, far, sums.rays), highlights, sums);
         }
         if (light.environment >= 0 && (light.flags & PELL_LIGHT_DATA_COMPACT) == 0u)
             sums.unshadowed += min(a.intensity * (a.falloff * transmittance(p, max(a.nl, 0.0)) * max(a.nl, 0.0)), vec3(BIG));

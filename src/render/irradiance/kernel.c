@@ -350,6 +350,32 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
         PELL_SIMD(pell_add_highlight)(light, p, a, unoccluded, mu, visible, gloss);
 }
 
+/* What passes was counted as lost, and no longer is. */
+static void pass(const struct pell_light_data *light, const struct pell_shade_tables *t, const struct pell_lanes *restrict p,
+                 const struct pell_aim *restrict a, const int32_t *restrict mask, const float (*restrict through)[N],
+                 struct pell_sums *restrict sums)
+{
+    const float share = pell_light_is_area(light) ? 1.0f : 0.0f;
+    struct pell_sums passed = { 0 };
+    struct pell_aim dim = *a;
+
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++)
+            dim.intensity[c][i] *= through[c][i];
+    memcpy(dim.front, mask, sizeof(dim.front));
+    front(light, t, p, &dim, mask, NULL, &passed);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            sums->irradiance[c][i] += passed.irradiance[c][i];
+            sums->single[c][i] += passed.single[c][i];
+            sums->shifted[c][i] += passed.shifted[c][i];
+            sums->direction_in[c][i] += passed.direction_in[c][i];
+            sums->lost[c][i] -= share * passed.irradiance[c][i];
+        }
+    for (int i = 0; i < N; i++)
+        sums->direction_weight[i] += passed.direction_weight[i];
+}
+
 static void unshadowed(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
                        struct pell_sums *restrict sums)
 {
@@ -656,6 +682,7 @@ const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels) = {
     load,
     aim,
     front,
+    pass,
     PELL_SIMD(pell_begin_highlights),
     PELL_SIMD(pell_reflect),
     PELL_SIMD(pell_reflected),

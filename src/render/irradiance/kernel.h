@@ -149,6 +149,9 @@ struct pell_shade_kernels {
      * highlights to `gloss` if that is not NULL. */
     void (*front)(const struct pell_light_data *light, const struct pell_shade_tables *tables, const struct pell_lanes *lanes,
                   const struct pell_aim *aim, const int32_t *visible, struct pell_gloss *gloss, struct pell_sums *sums);
+    /* Adds the fraction `through` of the light of those front lanes with `mask` -1, which `front` found occluded. */
+    void (*pass)(const struct pell_light_data *light, const struct pell_shade_tables *tables, const struct pell_lanes *lanes,
+                 const struct pell_aim *aim, const int32_t *mask, const float (*through)[16], struct pell_sums *sums);
     void (*begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *lanes, struct pell_gloss *gloss);
     /* Makes the rays in direction `n` of the lobe, and `mask`: the lanes whose rays hit the light. Returns false if there are none. */
     bool (*reflect)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t n, struct pell_gloss *gloss,

@@ -46,6 +46,7 @@ struct pell_lighting {
 
 struct pell_indirect;
 struct pell_light_device;
+struct pell_unscattered;
 
 struct pell_irradiance_params {
     struct pell_light_device *device; /* computes direct light (device.h); holds these lights and has room. NULL: the CPU does */
@@ -70,6 +71,7 @@ struct pell_irradiance_params {
     bool flat;                                           /* no scaling by curvature */
     const struct pell_indirect *indirect;                /* indirect light (indirect/stage.h); requires the surface's hits. NULL: none */
     const struct pell_indirect *solid_light;             /* light inside solids, which replaces straight transmission. NULL: none */
+    const struct pell_unscattered *unscattered;          /* media that pass light into their shadows. NULL: none */
     bool whole_solid;                                    /* `solid_light` scales the method's result */
     bool transmits;                                      /* the method adds transmission through thin parts: indirect light is
                                                           * transmitted, too */

@@ -4,14 +4,12 @@
 // transmission.comp - light that goes straight through thin parts, one point per invocation: for each of a slice of the samples of lights
 // behind the point, a ray to where the light enters the solid, and a shadow ray from there. Mirror of transmission.c, with the formulas of
 // shared/thickness.h. See buffers.glsl, and:
-//   in  8 meshes     of the scene
 //   in  9 corners    of all triangles, by their mesh's vertices; then all normals, bits of floats
 //   in 10 parts      (object, material) of every mesh, sorted
 //   in 11 thickness  tables as in struct pell_thickness_table: `value`, `slab`, `spread`, and `slab` without forward-scattered light, for
 //                    lights (the CPU adds that light)
 layout(local_size_x = 64) in;
 #include "render/irradiance/buffers.glsl"
-layout(set = 0, binding = 8) readonly buffer Meshes { pell_lit_mesh meshes[]; };
 layout(set = 0, binding = 9) readonly buffer Corners { uint corners[]; };
 layout(set = 0, binding = 10) readonly buffer Parts { ivec2 parts[]; };
 layout(set = 0, binding = 11) readonly buffer Thickness { float thickness[]; };
@@ -36,11 +34,6 @@ struct Transmitted {
     uint rays;
 };
 
-vec3 corner_of(Hit hit, uint k)
-{
-    return uintBitsToFloat(bvh_triangles[3u * hit.at + k].xyz);
-}
-
 vec3 normal_of(pell_lit_mesh mesh, uint corner)
 {
     const uint at = mesh.normals + 3u * corner;
@@ -60,11 +53,11 @@ void hit_surface(Hit hit, inout Exit exit)
         return;
     for (uint k = 0u; k < 3u; k++) {
         normals[k] = normal_of(mesh, corners[mesh.corners + 3u * hit.triangle + k]);
-        at += w[k] * corner_of(hit, k);
+        at += w[k] * hit_corner(hit, k);
         n += w[k] * normals[k];
     }
     for (uint k = 0u; k < 3u; k++)
-        sum += w[k] * abs(dot(corner_of(hit, k) - at, normals[k])) * normals[k];
+        sum += w[k] * abs(dot(hit_corner(hit, k) - at, normals[k])) * normals[k];
     n = normalize(n);
     if (dot(n, exit.geometric) > 0.0) {
         exit.normal = n;
@@ -116,7 +109,7 @@ bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
         const pell_lit_mesh mesh = meshes[hit.mesh];
         if (materials[mesh.material].opaque != 0 || !is_part(mesh.object, int(p.material)))
             return false;
-        const vec3 a = corner_of(hit, 0u), n = normalize(cross(corner_of(hit, 1u) - a, corner_of(hit, 2u) - a));
+        const vec3 a = hit_corner(hit, 0u), n = normalize(cross(hit_corner(hit, 1u) - a, hit_corner(hit, 2u) - a));
         const bool is_exit = dot(n, ray.direction) > 0.0;
         if (is_exit && depth == 0) {
             exit.position = ray.origin + hit.t * ray.direction;

@@ -4,26 +4,24 @@
 
 #define SMOOTHEST 0.05f /* roughness below which a boundary is smooth, as in path-trace */
 
-/* Transmittance between outside and a medium, at this cosine outside: T of scattered light. */
-static float transmittance(const struct pell_unscattered_params *p, const struct unscattered_hit *f, float outside)
+float unscattered_transmittance(const struct pell_specular_tables *tables, bool smooth, const struct unscattered_boundary *b, float outside)
 {
-    const struct pell_specular_tables *t = p->tables;
-    const struct pell_boundary_table *boundary = &t->boundaries[t->boundary[f->material]];
+    const struct pell_boundary_table *boundary = &tables->boundaries[tables->boundary[b->material]];
     float scale, bias, fraction;
     int index;
 
-    if (p->smooth)
+    if (smooth)
         return pell_boundary_lookup(boundary->transmittance, outside);
-    pell_roughness_position(f->roughness, &index, &fraction);
-    pell_albedo_pair(&t->albedo[t->model[f->material]][0][index][0], fraction, outside, &scale, &bias);
-    return pell_transmittance(f->rho_s, boundary->f0, scale, bias);
+    pell_roughness_position(b->roughness, &index, &fraction);
+    pell_albedo_pair(&tables->albedo[tables->model[b->material]][0][index][0], fraction, outside, &scale, &bias);
+    return pell_transmittance(b->rho_s, boundary->f0, scale, bias);
 }
 
 /* Transmitted fraction at the cosines c before and c2 behind the boundary. */
 static float transmitted_fraction(const struct pell_unscattered_params *p, const struct unscattered_hit *f, float c, float c2)
 {
     if (f->n1 == 1.0f || f->n2 == 1.0f)
-        return transmittance(p, f, f->n1 == 1.0f ? c : c2);
+        return unscattered_transmittance(p->tables, p->smooth, &f->boundary, f->n1 == 1.0f ? c : c2);
     return 1.0f - pell_refract(f->n2 / f->n1, c).reflectance;
 }
 
@@ -55,7 +53,8 @@ static float cosine_behind(const struct unscattered_hit *f, float c)
  * only where the mean normal n reflects totally. */
 bool unscattered_cross(const struct pell_unscattered_params *p, const struct unscattered_hit *f, struct unscattered_path *w)
 {
-    const float alpha = p->smooth || f->roughness < SMOOTHEST ? 0.0f : f->roughness * f->roughness, r = f->n1 / f->n2;
+    const float alpha = p->smooth || f->boundary.roughness < SMOOTHEST ? 0.0f : f->boundary.roughness * f->boundary.roughness,
+                r = f->n1 / f->n2;
     const struct pell_vec3 n = -vec3_dot(w->direction, f->n) > 1e-4f ? f->n : f->ng;
     const bool sampled = alpha * fabsf(f->n1 - f->n2) > UNSCATTERED_MIN_WIDTH * f->n2, entering = f->n1 < f->n2;
     const struct pell_vec3 facet = sampled ? unscattered_facet(&w->random, alpha, n, w->direction) : n;

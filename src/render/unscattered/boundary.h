@@ -10,8 +10,7 @@ struct unscattered_hit {
     struct pell_vec3 position, n, ng; /* n: shading normal, for refraction; ng: geometric. Both unit, on the side from which the path
                                        * arrives */
     float offset;                     /* mm: offset of ray origins */
-    int material;                     /* index in the scene */
-    float roughness, rho_s;
+    struct unscattered_boundary boundary;
     float n1, n2; /* indices of refraction before and behind it */
 };
 

@@ -55,26 +55,17 @@ static float current_eta(const struct job *job, const struct unscattered_path *w
     return w->nesting > 0 ? current_medium(job, w)->eta : 1.0f;
 }
 
-/* Sets a boundary's roughness and specular reflectance, ignoring maps. */
-static void set_roughness(const struct pell_material *m, struct unscattered_hit *f)
-{
-    const struct pell_surface_uniform uniform = pell_surface_uniform(m);
-
-    f->roughness = uniform.roughness;
-    f->rho_s = (uniform.specular[0] + uniform.specular[1] + uniform.specular[2]) * (1.0f / 3.0f);
-}
-
 /* Refracts the path into the solid of an object and material. Returns false if that has no medium. */
 static bool enter(const struct job *job, struct unscattered_hit *f, int object, struct unscattered_path *w)
 {
     const float before = current_eta(job, w);
 
-    if (w->nesting == UNSCATTERED_MAX_NESTING || !job->u->media[f->material].is_traced)
+    if (w->nesting == UNSCATTERED_MAX_NESTING || !job->u->media[f->boundary.material].is_traced)
         return false;
     f->n1 = before;
-    f->n2 = job->u->media[f->material].eta;
+    f->n2 = job->u->media[f->boundary.material].eta;
     if (unscattered_cross(job->p, f, w))
-        w->medium_stack[w->nesting++] = (struct unscattered_solid) { object, f->material, 0 };
+        w->medium_stack[w->nesting++] = (struct unscattered_solid) { object, f->boundary.material, 0 };
     return true;
 }
 
@@ -89,7 +80,7 @@ static void start_path(const struct job *job, struct packet *k, int i, int x, in
     const int material = (int) s->material[at] - 1;
     const struct pell_material *m = &p->scene->materials[material];
     struct unscattered_path *w = &k->path[i];
-    struct unscattered_hit f = { .material = material };
+    struct unscattered_hit f = { .boundary = unscattered_boundary_of(p->scene, material) };
     struct pell_vec3 start, ray_direction;
 
     pell_view_ray(p->view, (float) x, (float) y, &start, &ray_direction);
@@ -97,10 +88,9 @@ static void start_path(const struct job *job, struct packet *k, int i, int x, in
     f.n = vec3(s->ns[0][at], s->ns[1][at], s->ns[2][at]);
     f.ng = vec3(s->ng[0][at], s->ng[1][at], s->ng[2][at]);
     f.offset = RAY_OFFSET * (vec3_max_abs(f.position) + s->depth[at]);
-    set_roughness(m, &f);
     if (!pell_surface_is_uniform(m)) {
-        f.roughness = s->roughness[at];
-        f.rho_s = (s->specular[0][at] + s->specular[1][at] + s->specular[2][at]) * (1.0f / 3.0f);
+        f.boundary.roughness = s->roughness[at];
+        f.boundary.rho_s = (s->specular[0][at] + s->specular[1][at] + s->specular[2][at]) * (1.0f / 3.0f);
     }
     k->seed[i] = pell_hash((uint32_t) x ^ pell_hash((uint32_t) y ^ pell_hash(p->sample)));
     *w = (struct unscattered_path) { .direction = vec3_normalize(ray_direction), .weight = { 1.0f, 1.0f, 1.0f }, .bounces = p->bounces };
@@ -121,7 +111,7 @@ static struct unscattered_hit load_hit(const struct job *job, const struct pell_
     const struct pell_vec3 ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
     const float w[3] = { 1.0f - r->hit.u[i] - r->hit.v[i], r->hit.u[i], r->hit.v[i] };
     const struct pell_material *m = &scene->materials[mesh->material];
-    struct unscattered_hit f = { .material = mesh->material };
+    struct unscattered_hit f = { .boundary = unscattered_boundary_of(scene, mesh->material) };
     struct pell_vec3 n = { 0 };
     float side;
 
@@ -133,11 +123,10 @@ static struct unscattered_hit load_hit(const struct job *job, const struct pell_
     f.ng = vec3_mul(ng, side);
     f.n = vec3_dot(n, ng) > 0.0f ? vec3_mul(vec3_normalize(n), side) : f.ng;
     f.offset = RAY_OFFSET * (vec3_max_abs(f.position) + r->ray.tfar[i]);
-    set_roughness(m, &f);
     if (m->roughness_map.texture) {
         float texel[4];
         pell_texel_at(&m->roughness_map, mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], texel);
-        f.roughness = fminf(fmaxf(m->roughness * texel[m->roughness_map.channel & 3], 0.0f), 1.0f);
+        f.boundary.roughness = fminf(fmaxf(m->roughness * texel[m->roughness_map.channel & 3], 0.0f), 1.0f);
     }
     return f;
 }
@@ -156,7 +145,7 @@ static bool hit_inside(const struct job *job, const struct pell_ray_hit16 *r, in
     for (int c = 0; c < 3; c++)
         w->weight[c] *= expf(-m->sigma_t[c] * r->ray.tfar[i]);
     f = load_hit(job, r, i, &outer);
-    if (job->p->scene->materials[f.material].opaque || is_faint(w))
+    if (job->p->scene->materials[f.boundary.material].opaque || is_faint(w))
         return false;
     if (object != solid->object)
         return outer && enter(job, &f, object, w);
@@ -261,7 +250,8 @@ static void shade_outside(const struct job *job, struct packet *k, const struct 
         if (!hit[i] || scene->materials[scene->meshes[r->hit.mesh[i]].material].opaque)
             continue;
         f = load_hit(job, r, i, &outer);
-        if (outer && job->u->media[f.material].thin && enter(job, &f, pell_mesh_assembly(&scene->meshes[r->hit.mesh[i]]), &k->path[i]))
+        if (outer && job->u->media[f.boundary.material].thin &&
+            enter(job, &f, pell_mesh_assembly(&scene->meshes[r->hit.mesh[i]]), &k->path[i]))
             k->active[i] = -(int32_t) !is_faint(&k->path[i]);
     }
 }

@@ -50,6 +50,25 @@ struct unscattered_path {
 int64_t unscattered_add_lights(const struct pell_unscattered *u, const struct pell_unscattered_params *p, const struct unscattered_path *w,
                                float reach, float rgb[3]);
 
+/* A boundary to outside. */
+struct unscattered_boundary {
+    int material; /* index in the scene */
+    float roughness, rho_s;
+};
+
+/* Without its maps. */
+static inline struct unscattered_boundary unscattered_boundary_of(const struct pell_scene *scene, int material)
+{
+    const struct pell_surface_uniform uniform = pell_surface_uniform(&scene->materials[material]);
+
+    return (struct unscattered_boundary) { material, uniform.roughness,
+                                           (uniform.specular[0] + uniform.specular[1] + uniform.specular[2]) * (1.0f / 3.0f) };
+}
+
+/* boundary.c. Its transmittance at a cosine outside: that of scattered light. */
+float unscattered_transmittance(const struct pell_specular_tables *tables, bool smooth, const struct unscattered_boundary *b,
+                                float outside);
+
 #define UNSCATTERED_INCOHERENT 1e-30f /* replaces 0, which has no sign */
 /* incoherent.c. Pixels with incoherent paths are marked by negative values, and get the mean of those around them. */
 void unscattered_blur_incoherent(struct pell_pool *pool, const struct pell_unscattered_params *p);

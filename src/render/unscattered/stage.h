@@ -52,4 +52,27 @@ struct pell_unscattered_params {
 int64_t pell_unscattered_render(struct pell_pool *pool, const struct pell_unscattered *unscattered,
                                 const struct pell_unscattered_params *params);
 
+/* The same toward a light, along a straight line: where a thin part casts a shadow. */
+struct pell_unscattered_shadow {
+    const struct pell_unscattered *media;
+    const struct pell_scene *scene;
+    const struct pell_rays *rays;
+    const struct pell_specular_tables *tables;
+    bool smooth; /* smooth boundaries */
+};
+
+/* What a device needs of a scene material for that. `media` may be NULL. */
+struct pell_unscattered_material {
+    bool is_traced;
+    float sigma_t[3];       /* 1/mm */
+    float roughness, rho_s; /* of its boundary, without maps */
+};
+struct pell_unscattered_material pell_unscattered_material(const struct pell_unscattered *media, const struct pell_scene *scene,
+                                                           size_t material);
+
+/* Transmittance of what is on 16 occluded rays that begin outside, Prod T exp(-sigma_t d); 0 where `mask` is 0. The rays' tnear are 0.
+ * Returns the number of rays that were traced for it. Any thread. */
+int64_t pell_unscattered_shadow(const struct pell_unscattered_shadow *shadow, const int32_t mask[16], const struct pell_ray16 *rays,
+                                float through[3][16]);
+
 #endif

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+// through.glsl - for direct.comp: light that passes media into their shadows. Mirror of ../unscattered/shadow.c.
+#include "shared/through.h"
+
+// Solids that a ray is in, the innermost last.
+struct Nest {
+    int object[PELL_THROUGH_NESTING];
+    uint material[PELL_THROUGH_NESTING];
+    int inside[PELL_THROUGH_NESTING]; // surfaces of the same object inside it that the ray has entered
+    int depth;
+};
+
+// Passes a boundary. Returns false if the light ends there.
+bool pass_boundary(pell_lit_mesh mesh, bool outer, inout Nest nest)
+{
+    const int last = nest.depth - 1;
+
+    if (materials[mesh.material].is_traced == 0)
+        return false;
+    if (last >= 0 && nest.object[last] == mesh.object) {
+        if (!outer && nest.inside[last] == 0)
+            nest.depth--;
+        else
+            nest.inside[last] += outer ? 1 : -1;
+        return true;
+    }
+    if (!outer || nest.depth == PELL_THROUGH_NESTING)
+        return false;
+    nest.object[nest.depth] = mesh.object;
+    nest.material[nest.depth] = uint(mesh.material);
+    nest.inside[nest.depth++] = 0;
+    return true;
+}
+
+// Transmittance of what is on an occluded ray.
+vec3 pass_shadow(vec3 origin, vec3 direction, float far, inout uint rays)
+{
+    const float span = length(direction), largest = max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
+    vec3 through = vec3(1.0);
+    float near = 0.0;
+    Nest nest;
+
+    nest.depth = 0;
+    for (int step = 0; step <= PELL_THROUGH_SURFACES; step++) {
+        const int before = nest.depth;
+        Hit hit;
+        rays++;
+        if (!trace_ray(Ray(origin, near, direction, far, RAY_ALL), false, hit))
+            return before > 0 ? vec3(0.0) : through; // inside: the light is
+        if (before > 0)
+            through *= exp(-materials[nest.material[before - 1]].sigma_t.rgb * ((hit.t - near) * span));
+        const pell_lit_mesh mesh = meshes[hit.mesh];
+        const vec3 a = hit_corner(hit, 0u), n = normalize(cross(hit_corner(hit, 1u) - a, hit_corner(hit, 2u) - a));
+        const float cosine = dot(n, direction) / span;
+        if (step == PELL_THROUGH_SURFACES || max(through.r, max(through.g, through.b)) <= PELL_THROUGH_LEAST ||
+            !pass_boundary(mesh, cosine < 0.0, nest))
+            return vec3(0.0);
+        if (nest.depth != before && (before == 0 || nest.depth == 0)) {
+            const pell_lit_material m = materials[mesh.material];
+            through *= boundary_transmittance(lobe_of(uint(mesh.material), m.roughness), m.rho_s, abs(cosine));
+        }
+        near = pell_through_near(hit.t, largest, span);
+    }
+    return vec3(0.0);
+}
