@@ -71,7 +71,11 @@ def main():
         path, what = make_scene(options.folder, number)
         key = f'{number} {options.bound}'
         if key not in results:
-            results[key] = measure(options, path)
+            try:
+                results[key] = measure(options, path)
+            except SystemExit as error:  # of a camera below the ground, say
+                print(f'{number:3} {what:28} {error}', flush=True)
+                continue
             kept.write_text(json.dumps(results, indent=1), 'utf-8')
         row = results[key]
         for t in row['tried']:

@@ -48,7 +48,7 @@ static const struct pell_knob settings_knobs[] = {
     { "opposed", PELL_KNOB_BOOL, "1", AT(opposed), { 1 }, 0, 1, NULL,
       "transport through a solid follows its shape: angles between faces, diffusion inside; off: half-space profiles and plane slabs" },
     { "unscattered", PELL_KNOB_BOOL, "1", AT(unscattered), { 1 }, 0, 1, NULL,
-      "unscattered light shows the background through thin parts of media; off: it is omitted" },
+      "unscattered light passes thin parts of media: it shows the background, and brightens their shadows" },
     { "seed", PELL_KNOB_INT64, "1", AT(seed), { 0 }, 0, 9007199254740992.0, NULL,
       "seed of all sample patterns; equal seeds give bit-identical images" },
     { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,

@@ -17,7 +17,7 @@
  * The transmittance of a slab (pellucid/layers.h) and forward-scattered light (optics/medium/forward.h) include none of this light.
  *
  * Left out: reflection at boundaries that also transmit, opaque objects inside solids, media without coefficients, layers and textured
- * colours, and caustics on the background.
+ * colours, and caustics: shadows have the mean of the light that passes.
  */
 #ifndef PELL_UNSCATTERED_H
 #define PELL_UNSCATTERED_H
