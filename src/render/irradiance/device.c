@@ -305,7 +305,7 @@ struct pell_light_layout pell_light_device_record(struct pell_light_device *d, c
     run_pass(d, run->params, commands, d->direct, run->params->unscattered ? PELL_LIT_PASSING : PELL_LIT_SLICE, push);
     if (through) {
         pell_gpu_mark(commands, "transmission");
-        run_pass(d, run->params, commands, d->transmission, PELL_LIT_THROUGH, push);
+        run_pass(d, run->params, commands, d->transmission, run->params->unscattered ? PELL_LIT_PASSING : PELL_LIT_THROUGH, push);
     }
     return (struct pell_light_layout) { push.results, push.through, through };
 }

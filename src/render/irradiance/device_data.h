@@ -29,8 +29,8 @@
 #define PELL_LIT_PASSES 32u /* media pass light into their shadows */
 
 #define PELL_LIT_SLICE 16  /* samples of a slice of direct.comp, */
-#define PELL_LIT_PASSING 4 /* with PELL_LIT_PASSES, */
-#define PELL_LIT_THROUGH 8 /* and of transmission.comp; these trace more rays per sample */
+#define PELL_LIT_THROUGH 8 /* and of transmission.comp, which traces more rays per sample; */
+#define PELL_LIT_PASSING 4 /* of both with PELL_LIT_PASSES */
 #define PELL_LIT_HIGHLIGHT_STATE_WORDS 2
 #define PELL_LIT_THROUGH_WORDS 3
 

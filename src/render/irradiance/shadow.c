@@ -26,26 +26,33 @@ bool pell_query_light_grid(const struct pell_light_source *source, struct packet
     return true;
 }
 
-void pell_pass_shadow(const struct job *job, const struct pell_light_data *data, const int32_t *visible, struct packet *k,
-                      struct pell_sums *sums)
+bool pell_follow_shadow(const struct job *job, struct packet *k, const int32_t *occluded, const struct pell_ray16 *rays,
+                        float through[3][PELL_LANES])
 {
     const struct pell_irradiance_params *p = job->p;
     const struct pell_unscattered_shadow shadow = { p->unscattered, p->scene, p->rays, p->tables, p->smooth };
-    _Alignas(64) int32_t occluded[PELL_LANES];
-    _Alignas(64) float through[3][PELL_LANES];
-    struct pell_ray16 rays;
     float any = 0.0f;
 
-    for (int i = 0; i < PELL_LANES; i++)
-        occluded[i] = k->aim.front[i] & ~visible[i];
-    if (count_lanes(occluded) == 0)
-        return;
-    job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
-    k->rays += pell_unscattered_shadow(&shadow, occluded, &rays, through);
+    if (!p->unscattered || count_lanes(occluded) == 0)
+        return false;
+    k->rays += pell_unscattered_shadow(&shadow, occluded, rays, through);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_LANES; i++)
             any += through[c][i];
-    if (any > 0.0f)
+    return any > 0.0f;
+}
+
+void pell_pass_shadow(const struct job *job, const struct pell_light_data *data, const int32_t *visible, struct packet *k,
+                      struct pell_sums *sums)
+{
+    _Alignas(64) int32_t occluded[PELL_LANES];
+    _Alignas(64) float through[3][PELL_LANES];
+    struct pell_ray16 rays;
+
+    for (int i = 0; i < PELL_LANES; i++)
+        occluded[i] = k->aim.front[i] & ~visible[i];
+    job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
+    if (pell_follow_shadow(job, k, occluded, &rays, through))
         job->kernels->pass(data, &job->tables, &k->lanes, &k->aim, occluded, (const float(*)[PELL_LANES]) through, sums);
 }
 

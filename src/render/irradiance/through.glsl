@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// through.glsl - for direct.comp: light that passes media into their shadows. Mirror of ../unscattered/shadow.c.
+// through.glsl - for direct.comp and transmission.comp: light that passes media into their shadows. Mirror of ../unscattered/shadow.c.
 #include "shared/through.h"
 
 // Solids that a ray is in, the innermost last.

@@ -204,13 +204,16 @@ static float falloff_at(const struct pell_light_source *source, const struct pel
     return wide ? a->falloff[i] : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
 }
 
-/* Finds the lanes whose exits see the light. */
+/* Finds the fraction of the light that arrives at the lanes' exits. */
 static void trace_to_light(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, struct packet *k,
-                           const struct exits *exits, int32_t *visible)
+                           const struct exits *exits, float arriving[3][PELL_LANES])
 {
     const struct pell_lanes *l = &k->lanes;
     const bool directional = source->type == PELL_LIGHT_DIRECTIONAL;
+    _Alignas(64) int32_t visible[PELL_LANES], occluded[PELL_LANES];
+    _Alignas(64) float through[3][PELL_LANES];
     struct pell_ray16 rays;
+    bool passes;
 
     for (int i = 0; i < PELL_LANES; i++) {
         struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
@@ -220,6 +223,19 @@ static void trace_to_light(const struct job *job, const struct pell_light_source
     }
     if (!pell_query_light_grid(source, k, exits->found, rays.ox, rays.oy, rays.oz, visible))
         pell_trace_occlusion(job, k, exits->found, true, &rays, visible);
+    for (int i = 0; i < PELL_LANES; i++) {
+        occluded[i] = exits->found[i] & ~visible[i];
+        rays.tfar[i] = directional ? FLT_MAX : 0.9999f;
+    }
+    passes = pell_follow_shadow(job, k, occluded, &rays, through);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < PELL_LANES; i++)
+            arriving[c][i] = visible[i] ? 1.0f : passes ? through[c][i] : 0.0f;
+}
+
+static bool is_dark(const float light[3][PELL_LANES], int i)
+{
+    return !(light[0][i] + light[1][i] + light[2][i] > 0.0f);
 }
 
 /* Fraction of the light's intensity that enters at lane i's exit, m mm from the lane. */
@@ -243,10 +259,9 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
 {
     const struct pell_lanes *l = &k->lanes;
     const bool directional = source->type == PELL_LIGHT_DIRECTIONAL;
-    _Alignas(64) int32_t visible[PELL_LANES];
     struct pell_ray_hit16 r;
     struct exits exits;
-    float cosine[PELL_LANES];
+    float cosine[PELL_LANES], arriving[3][PELL_LANES];
     int depth[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++)
@@ -267,10 +282,10 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
     find_exits(job, k, a->back, source, &r, depth, &exits);
     if (count_lanes(exits.found) == 0)
         return;
-    trace_to_light(job, source, a, k, &exits, visible);
+    trace_to_light(job, source, a, k, &exits, arriving);
     for (int i = 0; i < PELL_LANES; i++) {
         float light[3], m, d, w, same;
-        if (!visible[i])
+        if (is_dark((const float(*)[PELL_LANES]) arriving, i))
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
         w = entering_light(job, source, a, k, &exits, i, m);
@@ -280,7 +295,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         d = pell_thickness_of(m, cosine[i], same);
         transmitted_fraction(job, k, i, d, &exits.normal[i], same, true, light);
         for (int c = 0; c < 3; c++)
-            light[c] = smaller(a->intensity[c][i] * w * light[c], 1e25f);
+            light[c] = smaller(a->intensity[c][i] * arriving[c][i] * w * light[c], 1e25f);
         add_transmitted(k, i, light, d);
     }
 }
@@ -300,7 +315,8 @@ static bool aim_between(struct packet *k, int i, struct pell_vec3 w, struct pell
 void pell_transmit_forward(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
-    _Alignas(64) int32_t visible[PELL_LANES], active[PELL_LANES];
+    _Alignas(64) int32_t active[PELL_LANES];
+    float arriving[3][PELL_LANES];
     struct pell_vec3 w[PELL_LANES];
     struct pell_ray_hit16 r;
     struct exits exits;
@@ -326,12 +342,12 @@ void pell_transmit_forward(const struct job *job, const struct pell_light_source
             w[i] = vec3_mul(vec3_load(out), -1.0f);
         }
     }
-    trace_to_light(job, source, a, k, &exits, visible);
+    trace_to_light(job, source, a, k, &exits, arriving);
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_indirect_forward *forward = k->forward_model[i];
         struct pell_vec3 path;
         float m, in, facing, near;
-        if (!visible[i])
+        if (is_dark((const float(*)[PELL_LANES]) arriving, i))
             continue;
         path = vec3_sub(vec3(l->px[i], l->py[i], l->pz[i]), exits.point[i]);
         m = vec3_length(path);
@@ -342,7 +358,8 @@ void pell_transmit_forward(const struct job *job, const struct pell_light_source
             float cosine;
             const float left = pell_forward_broad(&forward->model, c, m, &cosine);
             const float toward = left > 0.0f ? pell_forward_phase(cosine, vec3_dot(w[i], vec3_load(k->toward[i]))) : 0.0f;
-            k->forward[c][i] += smaller(a->intensity[c][i] * in * forward->exitance_scale[c] * left * toward / facing, 1e25f);
+            k->forward[c][i] +=
+                smaller(a->intensity[c][i] * arriving[c][i] * in * forward->exitance_scale[c] * left * toward / facing, 1e25f);
         }
     }
 }

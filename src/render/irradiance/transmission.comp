@@ -16,6 +16,7 @@ layout(set = 0, binding = 11) readonly buffer Thickness { float thickness[]; };
 #include "visibility/wide_bvh.glsl"
 #include "render/irradiance/direct.glsl"
 #include "render/irradiance/lit_rays.glsl"
+#include "render/irradiance/through.glsl"
 #include "shared/thickness.h"
 
 const int SLAB = 1, SLAB_OF_LIGHTS = 3; // tables of a material
@@ -170,8 +171,12 @@ void transmit(pell_light_data light, Point p, Aim a, inout Transmitted sums)
     if (!find_exit(p, ray, outside ? -1 : 0, sums.rays, exit))
         return;
     const vec3 beyond = exit.position + (exit.terminator_offset + epsilon) * exit.geometric;
+    const vec3 to = away ? a.direction : a.end - beyond;
+    const float far = away ? FAR : 0.9999;
     sums.rays++;
-    if (!is_unoccluded(beyond, away ? a.direction : a.end - beyond, away ? FAR : 0.9999))
+    if (!is_unoccluded(beyond, to, far))
+        a.intensity *= (pc.flags & PELL_LIT_PASSES) != 0u ? pass_shadow(beyond, to, far, sums.rays) : vec3(0.0);
+    if (a.intensity.r + a.intensity.g + a.intensity.b <= 0.0)
         return;
     const bool lifted = exit.terminator_offset > TERMINATOR_LIFTED * epsilon; // the triangle does not decide the facing
     const float m = length(exit.position - p.position), same = dot(exit.normal, p.normal);
