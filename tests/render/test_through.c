@@ -143,12 +143,52 @@ static void area_lights_pass_the_same(void **state)
         REQUIRE_REL(rgb[c] / free[c], expected_of(SLAB, 0.2, c), 0.005);
 }
 
+/* A floor below a wide slab in a uniform environment: the light of all directions, the mean of the channels. */
+static void environments_pass_it_too(void **state)
+{
+    enum { COSINES = 2000 };
+    double seen[2] = { 0.0 }, expected = 0.0;
+    (void) state;
+
+    for (int with = 0; with < 2; with++) {
+        struct stage s;
+        struct shot shot;
+        size_t floor, clear;
+        stage_start(&s, SIZE, SIZE);
+        s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
+        s.settings.unscattered = true;
+        s.settings.ambient_samples = 256;
+        stage_opaque(&s, 1.0f, &floor);
+        stage_box(&s, floor, 0, vec3(-300, -300, -10), vec3(300, 300, 0));
+        add_clear(&s, 1.0, &clear);
+        if (with)
+            stage_box(&s, clear, 1, vec3(-9000, -9000, 20), vec3(9000, 9000, 20 + THICK));
+        stage_environment(&s, 1.0f);
+        stage_camera(&s, vec3(0, -250, 15), vec3(0, 0, 0), 0.002f, 0.0f);
+        stage_method(&s, "screen-space", NULL);
+        shot = stage_shot(&s);
+        shot_check(&shot);
+        for (size_t c = 0; c < 3; c++)
+            seen[with] += shot_at(&shot, c, SIZE / 2, SIZE / 2) / 3.0;
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    for (int i = 0; i < COSINES; i++)
+        for (int c = 0; c < 3; c++) {
+            const double cosine = (i + 0.5) / COSINES;
+            expected += 2.0 * cosine * pow(passes(cosine), 2.0) * exp(-(absorbed[c] + scattered) * THICK / cosine) / (3.0 * COSINES);
+        }
+    print_message("# %.4f of the light, %.4f expected\n", seen[1] / seen[0], expected);
+    REQUIRE_REL(seen[1] / seen[0], expected, 0.01);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(shadows_have_their_closed_forms),
         cmocka_unit_test(switched_off_they_are_black),
         cmocka_unit_test(area_lights_pass_the_same),
+        cmocka_unit_test(environments_pass_it_too),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -92,7 +92,7 @@ float scattered(float c)
     const float g = phases[0].a[0], base = PELL_PHASE_HG_BASE(g, c);
     const float m = pell_single_cosine(0.5f, c), turn = pell_single_phase_cosine(0.5f, c, c, g, m, m);
     return pell_phase_evaluate(phases[1], c) + PELL_PHASE_HG_VALUE(g, base, sqrt(base)) + pell_single_radiance(0.9f, g, turn, m, m) +
-           pell_through_near(c, g, m);
+           pell_through_near(c, g, m) + float(pell_through_ambient(c, g, m));
 }
 
 float filmic(vec3 light)

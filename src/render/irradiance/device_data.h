@@ -2,13 +2,13 @@
  *
  * device_data.h - inputs and outputs of direct.comp and transmission.comp, with the same bytes in C and in GLSL buffers (std430).
  *
- * A result is a number of 16-byte words per point: entering light (W/m^2) of lights that belong to no environment, and the number of rays;
- * with PELL_LIT_HIGHLIGHTS the highlights (W/(m^2 sr)), and what shadows removed as in struct pell_lighting; with PELL_LIT_SINGLE the
- * single scattering of all lights; then for each environment's lights the entering light with the number of unoccluded directions, and the
- * unoccluded entering light. If a light has more samples than a slice: the state of its highlight. Then, where there is transmission, for
- * points with PELL_LIT_STRAIGHT: light transmitted through thin parts and, summed over channels, times its path length in mm; where a ray
- * along the inward normal leaves the solid, the transmitted fraction of the smooth part's light, and the distance in mm; the normal there,
- * and the number of rays.
+ * A result is a number of 16-byte words per point: entering light (W/m^2) of lights that belong to no environment, and the number of
+ * rays; with PELL_LIT_HIGHLIGHTS the highlights (W/(m^2 sr)), and what shadows removed as in struct pell_lighting; with PELL_LIT_SINGLE
+ * the single scattering of all lights; then for each environment's lights the entering light with the count of directions from which the
+ * smooth part arrives (shared/through.h), and the unoccluded entering light. If a light has more samples than a slice: the state of its
+ * highlight. Then, where there is transmission, for points with PELL_LIT_STRAIGHT: light transmitted through thin parts and, summed over
+ * channels, times its path length in mm; where a ray along the inward normal leaves the solid, the transmitted fraction of the smooth
+ * part's light, and the distance in mm; the normal there, and the number of rays.
  *
  * A pass runs in slices of a few samples each, which accumulate in the results: drivers abort loops that take too long (Mesa's for CPUs
  * after 65535 iterations of all loops together), and devices that drive a display abort long work.
@@ -19,6 +19,7 @@
 #define PELL_IRRADIANCE_DEVICE_DATA_H
 
 #include "shared/light_data.h"
+#include "shared/through.h"
 
 /* Flags of struct pell_lit_push. */
 #define PELL_LIT_HIGHLIGHTS 1u

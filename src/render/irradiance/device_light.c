@@ -100,7 +100,7 @@ void pell_read_environment(const struct job *job, struct packet *k, size_t e, st
         add_rgb(words_at(job, k, i, at), i, sums->irradiance);
         add_rgb(words_at(job, k, i, at + 1), i, sums->unshadowed);
         if (!known)
-            k->ambient[i] = (float) words_at(job, k, i, at)[3] / (float) job->lights->ambient_samples;
+            k->ambient[i] = (float) words_at(job, k, i, at)[3] / ((float) PELL_THROUGH_WHOLE * (float) job->lights->ambient_samples);
     }
 }
 

@@ -112,10 +112,10 @@ void main()
         for (uint k = 0u; k < pc.highlight_state; k++)
             results[first + k] = uvec4(0u);
     if (pc.sky_end > pc.sky && (points[i].flags & PELL_LIT_AMBIENT) != 0u) {
-        const uint unoccluded = count_unoccluded(p.origin, p.geometric, p.sample_index, pattern_at(i, pc.ambient_bits, PELL_AMBIENT_SALT));
-        sums.rays = pc.sky_end - pc.sky;
+        const uvec2 pattern = pattern_at(i, pc.ambient_bits, PELL_AMBIENT_SALT);
+        const uint seen = count_sky(p.origin, p.geometric, p.sample_index, pattern, sums.rays);
         for (uint k = 0u; k < pc.environments; k++)
-            add_result(env + 2u * k, vec3(0.0), unoccluded);
+            add_result(env + 2u * k, vec3(0.0), seen);
     }
     for (uint light = pc.light; light < pc.light_end; light++) {
         if (!is_requested(lights[light].light))

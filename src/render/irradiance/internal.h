@@ -137,7 +137,7 @@ bool pell_follow_shadow(const struct job *job, struct packet *k, const int32_t *
 /* Adds what media pass of the light of the front lanes that are not visible. */
 void pell_pass_shadow(const struct job *job, const struct pell_light_data *data, const int32_t *visible, struct packet *k,
                       struct pell_sums *sums);
-/* Fraction of unoccluded cosine-distributed directions about the normal. */
+/* Fraction of cosine-distributed directions about the normal from which light arrives: unoccluded, or what passes media. */
 void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
                              float fraction[PELL_LANES]);
 

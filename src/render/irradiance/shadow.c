@@ -4,6 +4,7 @@
  */
 #include "render/irradiance/internal.h"
 #include "render/unscattered/stage.h"
+#include "shared/through.h"
 
 #include <float.h>
 #include <string.h>
@@ -56,6 +57,21 @@ void pell_pass_shadow(const struct job *job, const struct pell_light_data *data,
         job->kernels->pass(data, &job->tables, &k->lanes, &k->aim, occluded, (const float(*)[PELL_LANES]) through, sums);
 }
 
+/* Mean over the channels of what passes of the occluded lanes of `mask`, rounded as on a device. */
+static void add_ambient_passed(const struct job *job, struct packet *k, const int32_t *mask, const int32_t *visible,
+                               const struct pell_ray16 *rays, float fraction[PELL_LANES])
+{
+    _Alignas(64) int32_t occluded[PELL_LANES];
+    _Alignas(64) float through[3][PELL_LANES];
+
+    for (int i = 0; i < PELL_LANES; i++)
+        occluded[i] = mask[i] & ~visible[i];
+    if (!pell_follow_shadow(job, k, occluded, rays, through))
+        return;
+    for (int i = 0; i < PELL_LANES; i++)
+        fraction[i] += (float) pell_through_ambient(through[0][i], through[1][i], through[2][i]) * (1.0f / PELL_THROUGH_WHOLE);
+}
+
 /* A lane traces its samples in the order of cells, but uses the same ones as in the sequence's order: the result does not depend on it. */
 void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
                              float fraction[PELL_LANES])
@@ -82,6 +98,10 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
         pell_trace_occlusion(job, k, mask, false, &rays, visible);
         for (int i = 0; i < PELL_LANES; i++)
             fraction[i] -= (float) visible[i];
+        if (job->p->unscattered) {
+            kernels->rays(sky, (const uint32_t(*)[1 << PELL_SKY_BITS]) elements, j, &rays);
+            add_ambient_passed(job, k, mask, visible, &rays, fraction);
+        }
     }
     for (int i = 0; i < PELL_LANES; i++)
         fraction[i] /= (float) samples;

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
-// through.glsl - for direct.comp and transmission.comp: light that passes media into their shadows. Mirror of ../unscattered/shadow.c.
+// through.glsl - for direct.comp and transmission.comp: light that passes media into their shadows, of lights and of
+// environments. Mirror of ../unscattered/shadow.c.
+#include "shared/sampling.h"
 #include "shared/through.h"
 
 // Solids that a ray is in, the innermost last.
@@ -62,4 +64,26 @@ vec3 pass_shadow(vec3 origin, vec3 direction, float far, inout uint rays)
         near = pell_through_near(hit.t, largest, span);
     }
     return vec3(0.0);
+}
+
+// Count, in units of PELL_THROUGH_WHOLE, of the slice's cosine-distributed directions about n from which light arrives; `sample_index`: of
+// the multisample.
+uint count_sky(vec3 origin, vec3 n, uint sample_index, uvec2 pattern, inout uint rays)
+{
+    vec3 t, b;
+    uint seen = 0u;
+
+    basis_of(n, t, b);
+    for (uint s = pc.sky; s < pc.sky_end; s++) {
+        const uint at = sample_index * pc.ambient_samples + s;
+        const pell_point2 disc = pell_disc_at(pell_unit_float(pell_sobol0(at) ^ pattern.x), pell_unit_float(pell_sobol1(at) ^ pattern.y));
+        const float z = sqrt(max(1.0 - disc.x * disc.x - disc.y * disc.y, 0.0));
+        const vec3 direction = n * z + disc.x * t + disc.y * b;
+        vec3 through = vec3(1.0);
+        rays++;
+        if (!is_unoccluded(origin, direction, FAR))
+            through = (pc.flags & PELL_LIT_PASSES) != 0u ? pass_shadow(origin, direction, FAR, rays) : vec3(0.0);
+        seen += pell_through_ambient(through.r, through.g, through.b);
+    }
+    return seen;
 }

@@ -229,9 +229,10 @@ float transmit_ambient(Point p, inout uint rays, out vec3 fraction, out Exit exi
     }
     const vec3 beyond = exit.position + (exit.terminator_offset + points[p.at].position.w) * exit.geometric;
     const float m = length(exit.position - p.position);
-    const uint unoccluded = count_unoccluded(beyond, exit.geometric, p.sample_index, pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT));
-    fraction = float(unoccluded) / float(pc.ambient_samples) * transmitted_fraction(p, m, exit, dot(exit.normal, p.normal), SLAB);
-    rays += pc.sky_end - pc.sky + (pc.sky == 0u ? to_exit : 0u);
+    const uvec2 pattern = pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT);
+    const float seen = float(count_sky(beyond, exit.geometric, p.sample_index, pattern, rays)) / float(PELL_THROUGH_WHOLE);
+    fraction = seen / float(pc.ambient_samples) * transmitted_fraction(p, m, exit, dot(exit.normal, p.normal), SLAB);
+    rays += pc.sky == 0u ? to_exit : 0u;
     return m;
 }
 

@@ -105,7 +105,7 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
     const vec2 albedo = albedo_at(lobe, mu);
 
     for (uint e = 0u; e < sky[0]; e++) {
-        const float visibility = float(results[env + 2u * e].a) / float(sky[1]);
+        const float visibility = float(results[env + 2u * e].a) / (float(PELL_THROUGH_WHOLE) * float(sky[1]));
         const Entering entering = entering_of(e, lobe, points[i].normal.w, rho_s);
         const vec3 lights = word(env + 2u * e), unshadowed = word(env + 2u * e + 1u);
         a.irradiance += max(lights + visibility * enter * (rest_at(entering, normal) - unshadowed), vec3(0.0));
