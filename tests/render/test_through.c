@@ -22,6 +22,7 @@ enum caster {
     BALL,
     TWO_SLABS,     /* with a gap */
     SLAB_IN_SLAB,  /* of the same object: no boundary */
+    OVERLAPPING,   /* two slabs that share 2 mm */
     OPAQUE_BEHIND, /* above the slab */
     DENSE,
     PROFILE_ONLY,
@@ -55,6 +56,8 @@ static void add_caster(struct stage *s, enum caster caster)
         stage_box(s, clear, 1, vec3(-60, -60, 20), vec3(60, 60, 20 + THICK));
     if (caster == TWO_SLABS)
         stage_box(s, clear, 2, vec3(-60, -60, 40), vec3(60, 60, 40 + THICK));
+    if (caster == OVERLAPPING)
+        stage_box(s, clear, 2, vec3(-60, -60, 18 + THICK), vec3(60, 60, 18 + 2 * THICK));
     if (caster == SLAB_IN_SLAB)
         stage_box(s, clear, 1, vec3(-50, -50, 21), vec3(50, 50, 23));
     if (caster == OPAQUE_BEHIND) {
@@ -92,7 +95,7 @@ static void light_below(enum caster caster, enum pell_light_type type, double an
 static double expected_of(enum caster caster, double angle, int c)
 {
     const double extinction = absorbed[c] + scattered, cosine = caster == BALL ? 1.0 : cos(angle);
-    const double length = caster == BALL ? 30.0 : caster == TWO_SLABS ? 2.0 * THICK : THICK;
+    const double length = caster == BALL ? 30.0 : caster == TWO_SLABS ? 2.0 * THICK : caster == OVERLAPPING ? 2.0 * THICK - 2.0 : THICK;
     const double boundary = passes(cosine) * passes(cosine);
 
     if (caster == OPAQUE_BEHIND || caster == DENSE || caster == PROFILE_ONLY)

@@ -21,8 +21,9 @@ static double passes(double c, double *inside)
     return 1.0 - 0.5 * (s * s + p * p);
 }
 
-/* Radiance in the middle of the image for a slab in a uniform environment with unscattered light, and without. */
-static void look(double thickness, double tilt, double extinction, double shown[2][3], struct shot shots[2])
+/* Radiance in the middle of the image for a slab in a uniform environment with unscattered light, and without; `overlapping`: it is made of
+ * two objects that share a third of it. */
+static void look(double thickness, bool overlapping, double tilt, double extinction, double shown[2][3], struct shot shots[2])
 {
     struct stage s;
     struct pell_material *m;
@@ -36,7 +37,9 @@ static void look(double thickness, double tilt, double extinction, double shown[
         m->medium.sigma_a[c] = extinction * absorbed[c];
         m->medium.sigma_s_reduced[c] = extinction * scattered;
     }
-    stage_box(&s, material, 0, vec3(-300, -300, (float) -thickness), vec3(300, 300, 0));
+    stage_box(&s, material, 0, vec3(-300, -300, (float) -thickness), vec3(300, 300, overlapping ? (float) (-thickness / 3.0) : 0.0f));
+    if (overlapping)
+        stage_box(&s, material, 1, vec3(-300, -300, (float) (-2.0 * thickness / 3.0)), vec3(300, 300, 0));
     stage_environment(&s, 1.0f);
     stage_camera(&s, vec3(0, (float) (400.0 * sin(tilt)), (float) (400.0 * cos(tilt))), vec3(0, 0, 0), 0.0f, 2.0f);
     stage_method(&s, "screen-space", NULL);
@@ -55,13 +58,13 @@ static void look(double thickness, double tilt, double extinction, double shown[
 static void a_slab_shows_what_is_behind_it_as_its_closed_form(void **state)
 {
     (void) state;
-    for (int k = 0; k < 6; k++) {
-        const double thickness = k % 2 ? 12.0 : 4.0, tilt = 0.4 * (k / 2);
+    for (int k = 0; k < 7; k++) {
+        const double thickness = k % 2 ? 12.0 : 4.0, tilt = 0.4 * (k / 2 % 3);
         double shown[2][3], inside;
         const double passed = passes(cos(tilt), &inside);
         struct shot shots[2];
 
-        look(thickness, tilt, 1.0, shown, shots);
+        look(thickness, k == 6, tilt, 1.0, shown, shots);
         for (int c = 0; c < 3; c++) {
             const double expected = passed * passed * exp(-(absorbed[c] + scattered) * thickness / inside);
             print_message("# %g mm, %.1f rad, channel %d: %.5f, %.5f expected\n", thickness, tilt, c, shown[1][c] - shown[0][c], expected);
@@ -246,7 +249,7 @@ static void thick_parts_keep_their_bits(void **state)
     struct shot shots[2];
     (void) state;
 
-    look(12.0, 0.0, 30.0, shown, shots);
+    look(12.0, false, 0.0, 30.0, shown, shots);
     REQUIRE(shot_equal(&shots[0], &shots[1]));
     shot_free(&shots[0]);
     shot_free(&shots[1]);

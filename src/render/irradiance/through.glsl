@@ -15,15 +15,23 @@ struct Nest {
 // Passes a boundary. Returns false if the light ends there.
 bool pass_boundary(pell_lit_mesh mesh, bool outer, inout Nest nest)
 {
-    const int last = nest.depth - 1;
+    int at = nest.depth - 1;
 
     if (materials[mesh.material].is_traced == 0)
         return false;
-    if (last >= 0 && nest.object[last] == mesh.object) {
-        if (!outer && nest.inside[last] == 0)
-            nest.depth--;
-        else
-            nest.inside[last] += outer ? 1 : -1;
+    while (at >= 0 && nest.object[at] != mesh.object)
+        at--;
+    if (at >= 0 && (outer || nest.inside[at] > 0)) {
+        nest.inside[at] += outer ? 1 : -1;
+        return true;
+    }
+    if (at >= 0) { // which need not be the last one where solids overlap
+        nest.depth--;
+        for (; at < nest.depth; at++) {
+            nest.object[at] = nest.object[at + 1];
+            nest.material[at] = nest.material[at + 1];
+            nest.inside[at] = nest.inside[at + 1];
+        }
         return true;
     }
     if (!outer || nest.depth == PELL_THROUGH_NESTING)

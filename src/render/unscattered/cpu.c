@@ -131,13 +131,37 @@ static struct unscattered_hit load_hit(const struct job *job, const struct pell_
     return f;
 }
 
+/* Index of the solid of an object that contains the path; -1: none. */
+static int find_solid(const struct unscattered_path *w, int object)
+{
+    int at = w->nesting - 1;
+
+    while (at >= 0 && w->medium_stack[at].object != object)
+        at--;
+    return at;
+}
+
+/* Passes a surface that does not bound the current medium: of a part of an object inside itself, or of a solid that overlaps the one that
+ * was entered last. */
+static void pass_inside(struct unscattered_path *w, int at, bool outer)
+{
+    struct unscattered_solid *solid = &w->medium_stack[at];
+
+    if (outer || solid->inner_surfaces > 0) {
+        solid->inner_surfaces += outer ? 1 : -1;
+        return;
+    }
+    w->nesting--;
+    for (; at < w->nesting; at++)
+        w->medium_stack[at] = w->medium_stack[at + 1];
+}
+
 /* Handles a hit inside a solid. Returns false if the path ends there. */
 static bool hit_inside(const struct job *job, const struct pell_ray_hit16 *r, int i, struct unscattered_path *w)
 {
     const struct unscattered_medium *m = current_medium(job, w);
-    struct unscattered_solid *solid = &w->medium_stack[w->nesting - 1];
-    const int object = pell_mesh_assembly(&job->p->scene->meshes[r->hit.mesh[i]]);
-    struct unscattered_solid left = *solid;
+    const struct unscattered_solid last = w->medium_stack[w->nesting - 1];
+    const int object = pell_mesh_assembly(&job->p->scene->meshes[r->hit.mesh[i]]), at = find_solid(w, object);
     struct unscattered_hit f;
     bool outer;
 
@@ -147,10 +171,10 @@ static bool hit_inside(const struct job *job, const struct pell_ray_hit16 *r, in
     f = load_hit(job, r, i, &outer);
     if (job->p->scene->materials[f.boundary.material].opaque || is_faint(w))
         return false;
-    if (object != solid->object)
+    if (at < 0)
         return outer && enter(job, &f, object, w);
-    if (outer || solid->inner_surfaces > 0) { /* a part of the same object inside it is no boundary */
-        solid->inner_surfaces += outer ? 1 : -1;
+    if (outer || last.inner_surfaces > 0 || object != last.object) {
+        pass_inside(w, at, outer);
         w->position = vec3_mad(f.position, -f.offset, f.ng);
         return true;
     }
@@ -158,7 +182,7 @@ static bool hit_inside(const struct job *job, const struct pell_ray_hit16 *r, in
     w->nesting--;
     f.n2 = current_eta(job, w);
     if (!unscattered_cross(job->p, &f, w))
-        w->medium_stack[w->nesting++] = left;
+        w->medium_stack[w->nesting++] = last;
     return true;
 }
 

@@ -46,8 +46,11 @@ static void trace(struct probe *p)
         p->r.hit.mesh[i] = p->r.hit.instance[i] = PELL_NO_HIT;
     }
     pell_rays_closest16(p->rays, active, false, &p->r);
-    for (int i = 0; i < p->count; i++)
-        p->thin += pell_hit16_inside(p->scene, &p->r, i, p->object[i]);
+    for (int i = 0; i < p->count; i++) {
+        const struct pell_mesh *hit = p->r.hit.mesh[i] < p->scene->num_meshes ? &p->scene->meshes[p->r.hit.mesh[i]] : NULL;
+        const bool enters = hit && pell_mesh_assembly(hit) != p->object[i] && !p->scene->materials[hit->material].opaque;
+        p->thin += enters || pell_hit16_inside(p->scene, &p->r, i, p->object[i]); /* it enters a solid that overlaps this one */
+    }
     p->all += p->count;
     p->count = 0;
 }

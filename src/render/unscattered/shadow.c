@@ -19,22 +19,41 @@ static bool is_dark(const float through[3][16], int i)
     return !(fmaxf(through[0][i], fmaxf(through[1][i], through[2][i])) > PELL_THROUGH_LEAST);
 }
 
+static int find_solid(const struct nest *nest, int object)
+{
+    int at = nest->depth - 1;
+
+    while (at >= 0 && nest->object[at] != object)
+        at--;
+    return at;
+}
+
+/* Leaves a solid, which need not be the last one where solids overlap. */
+static void leave(struct nest *nest, int at)
+{
+    nest->depth--;
+    for (; at < nest->depth; at++) {
+        nest->object[at] = nest->object[at + 1];
+        nest->material[at] = nest->material[at + 1];
+        nest->inner[at] = nest->inner[at + 1];
+    }
+}
+
 /* Passes the boundary that lane i has hit. Returns false if the light ends there. */
 static bool pass(const struct pell_unscattered_shadow *s, const struct pell_ray_hit16 *r, int i, struct nest *nest)
 {
     const struct pell_mesh *mesh = &s->scene->meshes[r->hit.mesh[i]];
     const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
     const bool outer = vec3_dot(d, vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i])) < 0.0f;
-    const int object = pell_mesh_assembly(mesh);
+    const int object = pell_mesh_assembly(mesh), at = find_solid(nest, object);
 
     if (!s->media->media[mesh->material].is_traced)
         return false;
-    if (nest->depth > 0 && nest->object[nest->depth - 1] == object) {
-        int *const inner = &nest->inner[nest->depth - 1];
-        if (!outer && *inner == 0)
-            nest->depth--;
+    if (at >= 0) {
+        if (outer || nest->inner[at] > 0)
+            nest->inner[at] += outer ? 1 : -1;
         else
-            *inner += outer ? 1 : -1;
+            leave(nest, at);
         return true;
     }
     if (!outer || nest->depth == PELL_THROUGH_NESTING)
