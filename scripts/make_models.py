@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Makes the still lifes of the gallery, in millimetres: a hand, a vase with deep folds, a candle with its flame, fruit on a plate, a beech
-leaf, and a studio environment.
+"""Makes the still lifes of the gallery, in millimetres: a hand, a vase with deep folds, a candle with its flame, fruit on a plate, cups, a
+beech leaf, and a studio environment.
 
     make_models.py FOLDER [NAME ...]
 
@@ -248,7 +248,7 @@ def fruit(folder):
     sdf.write_png(folder / 'orange-normal.png', sdf.normal_map(-height.reshape(size, size) * FLOAT(1.6), (36 * p.T).reshape(size, size, 3)))
     save(folder, 'stem',
          sdf.mesh(lambda q: chain(q, curve([(0, 50, 0, 1.5), (0.6, 62, 0.3, 1.2), (3.2, 72, 1.0, 1.7)])), (-5, 46, -5), (8, 77, 6), 0.5))
-    save(folder, 'plate', revolved(320, 256, plate_position)[0])
+    save(folder, 'plate', revolved(320, 256, lambda s, t: lathe(PLATE, s, t))[0])
 
 
 # Radius, height; from below to above.
@@ -256,12 +256,26 @@ PLATE = [(0, 0.6), (30, 0.6), (57, 0.4), (60, -0.8), (63, -0.8), (66, 0.6), (80,
          (122.4, 20.6), (121.4, 21.4), (119, 20.6), (103, 12.6), (80, 5.2), (66, 3.9), (30, 3.8), (0, 3.8)]
 
 
-def plate_position(s, t):
-    points = np.array([k[:2] for k in curve([(r, y, 0, 0) for r, y in PLATE], 12)])
+# The same, and facets on the outside.
+CUP = [(0, 1.4), (12, 1.4), (16.5, 0), (19.5, 0), (21.5, 2), (29, 13), (35, 32), (38.6, 58), (39.6, 61.4), (39.2, 63.2), (37.8, 63),
+       (36.4, 59), (33.2, 40), (28.4, 24), (20, 12), (10, 8.2), (0, 7.4)]
+FACETS = 10
+
+
+def lathe(profile, s, t, facets=0):
+    points = np.array([k[:2] for k in curve([(r, y, 0, 0) for r, y in profile], 12)])
     at = np.concatenate([[0], np.cumsum(np.sqrt((np.diff(points, axis=0) ** 2).sum(1)))])
     r, y = (np.interp(s * at[-1], at, points[:, k]) for k in range(2))
+    if facets:
+        cut = np.clip((y - 6) / 6, 0, 1) * np.clip((50 - y) / 10, 0, 1) * (s < 0.5)
+        around = (t * facets / (2 * np.pi) + 0.5) % 1 - 0.5
+        r = r * (1 + cut * (np.cos(np.pi / facets) / np.cos(2 * np.pi / facets * around) - 1))
     r = np.where((s == 0) | (s == 1), 0, np.maximum(r, 0.01))
     return r * np.sin(t), y, r * np.cos(t)
+
+
+def cups(folder):
+    save(folder, 'cup', revolved(200, 240, lambda s, t: lathe(CUP, s, t, FACETS))[0])
 
 
 # --- A leaf ---------------------------------------------------------------------------------------------------------------------------
@@ -348,7 +362,7 @@ def studio(folder, width=512, height=256):
     (folder / 'studio.pfm').write_bytes(f'PF\n{width} {height}\n-1.0\n'.encode() + data)
 
 
-MODELS = {'hand': hand, 'vase': vase, 'candle': candle, 'fruit': fruit, 'beech': beech, 'studio': studio}
+MODELS = {'hand': hand, 'vase': vase, 'candle': candle, 'fruit': fruit, 'cups': cups, 'beech': beech, 'studio': studio}
 
 
 def main():
