@@ -185,13 +185,39 @@ static void environments_pass_it_too(void **state)
     REQUIRE_REL(seen[1] / seen[0], expected, 0.01);
 }
 
+/* Rays meet one of two faces in the same place: a warning names a material. */
+static void faces_in_common_are_warned_of(void **state)
+{
+    static const float gap[] = { 0.0f, 0.5f, -0.5f };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(gap); k++) {
+        struct stage s;
+        struct shot shot;
+        size_t clear[2];
+        stage_start(&s, SIZE, SIZE);
+        s.settings.unscattered = true;
+        add_clear(&s, 1.0, &clear[0]);
+        add_clear(&s, 2.0, &clear[1]);
+        stage_box(&s, clear[0], 0, vec3(-60, -60, 0), vec3(60, 60, THICK));
+        stage_box(&s, clear[1], 1, vec3(-60, -60, THICK + gap[k]), vec3(60, 60, 2 * THICK));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 100), vec3(0, 0, 0), 1.0f);
+        stage_camera(&s, vec3(0, -250, 60), vec3(0, 0, 0), 0.2f, 0.0f);
+        stage_method(&s, "screen-space", NULL);
+        shot = stage_shot(&s);
+        shot_free(&shot);
+        REQUIRE(k == 0 ? s.kept.warnings > 0 : s.kept.warnings == 0);
+        REQUIRE(k != 0 || strstr(s.kept.last_warning, "its faces coincide with those of another translucent object"));
+        stage_finish(&s);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(shadows_have_their_closed_forms),
-        cmocka_unit_test(switched_off_they_are_black),
-        cmocka_unit_test(area_lights_pass_the_same),
-        cmocka_unit_test(environments_pass_it_too),
+        cmocka_unit_test(shadows_have_their_closed_forms), cmocka_unit_test(switched_off_they_are_black),
+        cmocka_unit_test(area_lights_pass_the_same),       cmocka_unit_test(environments_pass_it_too),
+        cmocka_unit_test(faces_in_common_are_warned_of),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

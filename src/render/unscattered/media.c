@@ -9,6 +9,7 @@
 
 #define MAX_THICKNESS 6.0f /* optical thickness of the clearest channel up to which a part is thin */
 #define MIN_FRACTION 0.01f /* least fraction of the surface that is above thin parts */
+#define MIN_TOUCHING 0.05f /* and that another solid's faces coincide with for a warning */
 #define PROBES 1024        /* per material, uniformly over its area */
 #define RAY_OFFSET 2.4e-5f /* of the largest coordinate: offset of ray origins */
 
@@ -31,11 +32,20 @@ static bool make_medium(const struct pell_material *m, const struct pell_frame_m
 struct probe {
     const struct pell_scene *scene;
     const struct pell_rays *rays;
-    struct pell_ray_hit16 r;
-    int object[PELL_PACKET], count; /* in the packet */
-    float reach;                    /* mm */
-    int thin, all;
+    struct pell_ray_hit16 r, across; /* inward, and from just outside to just inside */
+    int object[PELL_PACKET], count;  /* in the packet */
+    float reach;                     /* mm */
+    int thin, touching, all;
 };
+
+/* Whether ray i has hit another translucent object: its outer side (side -1) or its inner one (1). */
+static bool hits_other(const struct probe *p, const struct pell_ray_hit16 *r, int i, float side)
+{
+    const struct pell_mesh *hit = r->hit.mesh[i] < p->scene->num_meshes ? &p->scene->meshes[r->hit.mesh[i]] : NULL;
+    const float along = r->hit.ngx[i] * r->ray.dx[i] + r->hit.ngy[i] * r->ray.dy[i] + r->hit.ngz[i] * r->ray.dz[i];
+
+    return hit && pell_mesh_assembly(hit) != p->object[i] && !p->scene->materials[hit->material].opaque && side * along > 0.0f;
+}
 
 static void trace(struct probe *p)
 {
@@ -43,13 +53,14 @@ static void trace(struct probe *p)
 
     for (int i = 0; i < PELL_PACKET; i++) {
         active[i] = i < p->count ? -1 : 0;
-        p->r.hit.mesh[i] = p->r.hit.instance[i] = PELL_NO_HIT;
+        p->r.hit.mesh[i] = p->r.hit.instance[i] = p->across.hit.mesh[i] = p->across.hit.instance[i] = PELL_NO_HIT;
     }
     pell_rays_closest16(p->rays, active, false, &p->r);
+    pell_rays_closest16(p->rays, active, false, &p->across);
     for (int i = 0; i < p->count; i++) {
-        const struct pell_mesh *hit = p->r.hit.mesh[i] < p->scene->num_meshes ? &p->scene->meshes[p->r.hit.mesh[i]] : NULL;
-        const bool enters = hit && pell_mesh_assembly(hit) != p->object[i] && !p->scene->materials[hit->material].opaque;
-        p->thin += enters || pell_hit16_inside(p->scene, &p->r, i, p->object[i]); /* it enters a solid that overlaps this one */
+        /* a ray may enter a solid that overlaps this one */
+        p->thin += hits_other(p, &p->r, i, -1.0f) || pell_hit16_inside(p->scene, &p->r, i, p->object[i]);
+        p->touching += hits_other(p, &p->across, i, 1.0f);
     }
     p->all += p->count;
     p->count = 0;
@@ -59,13 +70,15 @@ static void add_probe(struct probe *p, const struct pell_mesh *mesh, uint32_t tr
 {
     const float u = pell_unit_float(pell_hash(2 * index)), v = pell_unit_float(pell_hash(2 * index + 1)), root = sqrtf(u);
     struct pell_vec3 corner[3], n, at;
+    float offset;
 
     pell_triangle_corners(mesh, triangle, corner);
     n = vec3_normalize(pell_triangle_cross(corner));
     at = vec3_mad(vec3_mad(vec3_mul(corner[0], 1.0f - root), root * (1.0f - v), corner[1]), root * v, corner[2]);
-    at = vec3_mad(at, -RAY_OFFSET * vec3_max_abs(at), n);
+    offset = RAY_OFFSET * vec3_max_abs(at);
     p->object[p->count] = pell_mesh_assembly(mesh);
-    pell_ray16_set(&p->r.ray, p->count++, at, vec3_mul(n, -1.0f), p->reach);
+    pell_ray16_set(&p->across.ray, p->count, vec3_mad(at, offset, n), vec3_mul(n, -1.0f), 2.0f * offset);
+    pell_ray16_set(&p->r.ray, p->count++, vec3_mad(at, -offset, n), vec3_mul(n, -1.0f), p->reach);
     if (p->count == PELL_PACKET)
         trace(p);
 }
@@ -79,7 +92,7 @@ static double area_of(const struct pell_mesh *mesh, uint32_t triangle)
 }
 
 /* Probes a material by inward rays from points distributed uniformly over the area of its triangles. */
-static bool is_thin(const struct pell_scene *scene, const struct pell_rays *rays, size_t material, float min_sigma_t)
+static bool is_thin(const struct pell_scene *scene, const struct pell_rays *rays, size_t material, float min_sigma_t, bool *touches)
 {
     struct probe p = { .scene = scene, .rays = rays, .reach = MAX_THICKNESS / min_sigma_t };
     double area = 0.0, next, sum = 0.0;
@@ -95,6 +108,7 @@ static bool is_thin(const struct pell_scene *scene, const struct pell_rays *rays
                 add_probe(&p, &scene->meshes[i], t, index++);
     if (p.count > 0)
         trace(&p);
+    *touches = (float) p.touching >= MIN_TOUCHING * (float) p.all;
     return p.all > 0 && (float) p.thin >= MIN_FRACTION * (float) p.all;
 }
 
@@ -115,8 +129,15 @@ enum pell_result pell_unscattered_create(struct pell_context *ctx, const struct 
     }
     for (size_t i = 0; i < scene->num_materials; i++) {
         const size_t id = frame_index[i + 1];
-        if (id > 0 && make_medium(&scene->materials[i], &materials[id - 1], &u->media[i]))
-            any |= u->media[i].thin = is_thin(scene, rays, i, u->media[i].min_sigma_t);
+        bool touches;
+        if (id == 0 || !make_medium(&scene->materials[i], &materials[id - 1], &u->media[i]))
+            continue;
+        u->media[i].thin = is_thin(scene, rays, i, u->media[i].min_sigma_t, &touches);
+        any |= u->media[i].thin;
+        if (u->media[i].thin && touches)
+            pell_warn(
+                ctx, pell_material_shown_name(&scene->materials[i]), "let one overlap the other, or leave a gap",
+                "its faces coincide with those of another translucent object: rays meet only one of them, and unscattered light is noisy");
     }
     for (uint32_t i = 0; i < UNSCATTERED_BUNDLES; i++)
         unscattered_bundle_make(i, u->bundles[i]);
