@@ -7,7 +7,8 @@
 
 #define PELL_THROUGH_SURFACES 8          /* largest number on a ray */
 #define PELL_THROUGH_NESTING 4           /* nested solids */
-#define PELL_THROUGH_LEAST 0.0009765625f /* transmittance of the clearest channel below which the light is dropped */
+#define PELL_THROUGH_LEAST 0.0009765625f /* transmittance of the clearest channel below which a light is dropped, */
+#define PELL_THROUGH_AMBIENT 0.015625f   /* and an environment's smooth part */
 #define PELL_THROUGH_STEP 1e-5f          /* least distance between two surfaces, relative to their coordinates */
 
 #define PELL_THROUGH_WHOLE 4096u /* unit of the count of an environment's directions */

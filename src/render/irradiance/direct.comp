@@ -75,7 +75,7 @@ void add_light(pell_light_data light, Point p, uint state, inout Sums sums)
             if (highlights)
                 add_highlight(light, p, a, visible, highlight);
             if (!visible && (pc.flags & PELL_LIT_PASSES) != 0u)
-                add_passed(light, p, a, pass_shadow(p.origin, to, far, sums.rays), highlights, sums);
+                add_passed(light, p, a, pass_shadow(p.origin, to, far, PELL_THROUGH_LEAST, sums.rays), highlights, sums);
         }
         if (light.environment >= 0 && (light.flags & PELL_LIGHT_DATA_COMPACT) == 0u)
             sums.unshadowed += min(a.intensity * (a.falloff * transmittance(p, max(a.nl, 0.0)) * max(a.nl, 0.0)), vec3(BIG));

@@ -132,7 +132,7 @@ void pell_trace_occlusion(const struct job *job, struct packet *k, const int32_t
 bool pell_query_light_grid(const struct pell_light_source *source, struct packet *k, const int32_t *mask, const float *x, const float *y,
                            const float *z, int32_t *visible);
 /* Follows occluded rays through media: the fraction of the light that passes. Returns false if there is none, with `through` undefined. */
-bool pell_follow_shadow(const struct job *job, struct packet *k, const int32_t *occluded, const struct pell_ray16 *rays,
+bool pell_follow_shadow(const struct job *job, struct packet *k, const int32_t *occluded, const struct pell_ray16 *rays, bool ambient,
                         float through[3][PELL_LANES]);
 /* Adds what media pass of the light of the front lanes that are not visible. */
 void pell_pass_shadow(const struct job *job, const struct pell_light_data *data, const int32_t *visible, struct packet *k,

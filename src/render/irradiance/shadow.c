@@ -27,11 +27,11 @@ bool pell_query_light_grid(const struct pell_light_source *source, struct packet
     return true;
 }
 
-bool pell_follow_shadow(const struct job *job, struct packet *k, const int32_t *occluded, const struct pell_ray16 *rays,
+bool pell_follow_shadow(const struct job *job, struct packet *k, const int32_t *occluded, const struct pell_ray16 *rays, bool ambient,
                         float through[3][PELL_LANES])
 {
     const struct pell_irradiance_params *p = job->p;
-    const struct pell_unscattered_shadow shadow = { p->unscattered, p->scene, p->rays, p->tables, p->smooth };
+    const struct pell_unscattered_shadow shadow = { p->unscattered, p->scene, p->rays, p->tables, p->smooth, ambient };
     float any = 0.0f;
 
     if (!p->unscattered || count_lanes(occluded) == 0)
@@ -53,7 +53,7 @@ void pell_pass_shadow(const struct job *job, const struct pell_light_data *data,
     for (int i = 0; i < PELL_LANES; i++)
         occluded[i] = k->aim.front[i] & ~visible[i];
     job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
-    if (pell_follow_shadow(job, k, occluded, &rays, through))
+    if (pell_follow_shadow(job, k, occluded, &rays, false, through))
         job->kernels->pass(data, &job->tables, &k->lanes, &k->aim, occluded, (const float(*)[PELL_LANES]) through, sums);
 }
 
@@ -66,7 +66,7 @@ static void add_ambient_passed(const struct job *job, struct packet *k, const in
 
     for (int i = 0; i < PELL_LANES; i++)
         occluded[i] = mask[i] & ~visible[i];
-    if (!pell_follow_shadow(job, k, occluded, rays, through))
+    if (!pell_follow_shadow(job, k, occluded, rays, true, through))
         return;
     for (int i = 0; i < PELL_LANES; i++)
         fraction[i] += (float) pell_through_ambient(through[0][i], through[1][i], through[2][i]) * (1.0f / PELL_THROUGH_WHOLE);

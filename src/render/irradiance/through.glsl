@@ -42,8 +42,8 @@ bool pass_boundary(pell_lit_mesh mesh, bool outer, inout Nest nest)
     return true;
 }
 
-// Transmittance of what is on an occluded ray.
-vec3 pass_shadow(vec3 origin, vec3 direction, float far, inout uint rays)
+// Transmittance of what is on an occluded ray; 0 below `least`.
+vec3 pass_shadow(vec3 origin, vec3 direction, float far, float least, inout uint rays)
 {
     const float span = length(direction), largest = max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
     vec3 through = vec3(1.0);
@@ -62,7 +62,7 @@ vec3 pass_shadow(vec3 origin, vec3 direction, float far, inout uint rays)
         const pell_lit_mesh mesh = meshes[hit.mesh];
         const vec3 a = hit_corner(hit, 0u), n = normalize(cross(hit_corner(hit, 1u) - a, hit_corner(hit, 2u) - a));
         const float cosine = dot(n, direction) / span;
-        if (step == PELL_THROUGH_SURFACES || max(through.r, max(through.g, through.b)) <= PELL_THROUGH_LEAST ||
+        if (step == PELL_THROUGH_SURFACES || max(through.r, max(through.g, through.b)) <= least ||
             !pass_boundary(mesh, cosine < 0.0, nest))
             return vec3(0.0);
         if (nest.depth != before && (before == 0 || nest.depth == 0)) {
@@ -90,7 +90,7 @@ uint count_sky(vec3 origin, vec3 n, uint sample_index, uvec2 pattern, inout uint
         vec3 through = vec3(1.0);
         rays++;
         if (!is_unoccluded(origin, direction, FAR))
-            through = (pc.flags & PELL_LIT_PASSES) != 0u ? pass_shadow(origin, direction, FAR, rays) : vec3(0.0);
+            through = (pc.flags & PELL_LIT_PASSES) != 0u ? pass_shadow(origin, direction, FAR, PELL_THROUGH_AMBIENT, rays) : vec3(0.0);
         seen += pell_through_ambient(through.r, through.g, through.b);
     }
     return seen;

@@ -227,7 +227,7 @@ static void trace_to_light(const struct job *job, const struct pell_light_source
         occluded[i] = exits->found[i] & ~visible[i];
         rays.tfar[i] = directional ? FLT_MAX : 0.9999f;
     }
-    passes = pell_follow_shadow(job, k, occluded, &rays, through);
+    passes = pell_follow_shadow(job, k, occluded, &rays, false, through);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_LANES; i++)
             arriving[c][i] = visible[i] ? 1.0f : passes ? through[c][i] : 0.0f;

@@ -175,7 +175,7 @@ void transmit(pell_light_data light, Point p, Aim a, inout Transmitted sums)
     const float far = away ? FAR : 0.9999;
     sums.rays++;
     if (!is_unoccluded(beyond, to, far))
-        a.intensity *= (pc.flags & PELL_LIT_PASSES) != 0u ? pass_shadow(beyond, to, far, sums.rays) : vec3(0.0);
+        a.intensity *= (pc.flags & PELL_LIT_PASSES) != 0u ? pass_shadow(beyond, to, far, PELL_THROUGH_LEAST, sums.rays) : vec3(0.0);
     if (a.intensity.r + a.intensity.g + a.intensity.b <= 0.0)
         return;
     const bool lifted = exit.terminator_offset > TERMINATOR_LIFTED * epsilon; // the triangle does not decide the facing

@@ -14,9 +14,9 @@ struct nest {
     int depth;
 };
 
-static bool is_dark(const float through[3][16], int i)
+static bool is_dark(const float through[3][16], int i, float least)
 {
-    return !(fmaxf(through[0][i], fmaxf(through[1][i], through[2][i])) > PELL_THROUGH_LEAST);
+    return !(fmaxf(through[0][i], fmaxf(through[1][i], through[2][i])) > least);
 }
 
 static int find_solid(const struct nest *nest, int object)
@@ -79,6 +79,7 @@ static void cross(const struct pell_unscattered_shadow *s, const struct pell_ray
 int64_t pell_unscattered_shadow(const struct pell_unscattered_shadow *s, const int32_t mask[16], const struct pell_ray16 *rays,
                                 float through[3][16])
 {
+    const float least = s->ambient ? PELL_THROUGH_AMBIENT : PELL_THROUGH_LEAST;
     _Alignas(64) int32_t active[16];
     struct nest nest[16];
     struct pell_ray_hit16 r;
@@ -100,7 +101,7 @@ int64_t pell_unscattered_shadow(const struct pell_unscattered_shadow *s, const i
         }
         if (!any)
             break;
-        pell_rays_closest16(s->rays, active, true, &r);
+        pell_rays_closest16(s->rays, active, !s->ambient, &r);
         for (int i = 0; i < 16; i++) {
             const struct pell_vec3 d = vec3(r.ray.dx[i], r.ray.dy[i], r.ray.dz[i]), o = vec3(r.ray.ox[i], r.ray.oy[i], r.ray.oz[i]);
             const int before = nest[i].depth;
@@ -117,7 +118,7 @@ int64_t pell_unscattered_shadow(const struct pell_unscattered_shadow *s, const i
             for (int c = 0; before > 0 && c < 3; c++)
                 through[c][i] *=
                     expf(-s->media->media[nest[i].material[before - 1]].sigma_t[c] * (r.ray.tfar[i] - r.ray.tnear[i]) * length);
-            goes_on = step < PELL_THROUGH_SURFACES && !is_dark((const float(*)[16]) through, i) && pass(s, &r, i, &nest[i]);
+            goes_on = step < PELL_THROUGH_SURFACES && !is_dark((const float(*)[16]) through, i, least) && pass(s, &r, i, &nest[i]);
             if (goes_on && nest[i].depth != before && (before == 0 || nest[i].depth == 0))
                 cross(s, &r, i, through);
             if (!goes_on)

@@ -58,7 +58,8 @@ struct pell_unscattered_shadow {
     const struct pell_scene *scene;
     const struct pell_rays *rays;
     const struct pell_specular_tables *tables;
-    bool smooth; /* smooth boundaries */
+    bool smooth;  /* smooth boundaries */
+    bool ambient; /* the rays go to all sides, and less accuracy suffices */
 };
 
 /* What a device needs of a scene material for that. `media` may be NULL. */
