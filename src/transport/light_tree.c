@@ -42,9 +42,9 @@ static uint64_t code_at(const void *items, size_t index)
     return ((const uint64_t *) items)[index];
 }
 
-/* Sums over the samples of a subtree; all but power, area and `middle`, the sum of positions, are weighted by light. */
+/* Sums over the samples of a subtree; all but power, deep, area and `middle`, the sum of positions, are weighted by light. */
 struct sums {
-    double centre[3], middle[3], power[3], normal[3], direction[3], curvature, light, area;
+    double centre[3], middle[3], power[3], deep[3], normal[3], direction[3], curvature, light, area;
 };
 
 static void add_sample(const struct pell_surface_sample *s, struct sums *sum, struct pell_light_node *n)
@@ -54,6 +54,7 @@ static void add_sample(const struct pell_surface_sample *s, struct sums *sum, st
     for (int c = 0; c < 3; c++) {
         light += (double) s->power[c];
         sum->power[c] += (double) s->power[c];
+        sum->deep[c] += (double) s->deep[c];
     }
     for (int k = 0; k < 3; k++) {
         sum->centre[k] += light * (double) s->position[k];
@@ -101,6 +102,7 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
                 sum.centre[k] += child.centre[k];
                 sum.middle[k] += child.middle[k];
                 sum.power[k] += child.power[k];
+                sum.deep[k] += child.deep[k];
                 sum.normal[k] += child.normal[k];
                 sum.direction[k] += child.direction[k];
                 n.low[k] = fminf(n.low[k], c->low[k]);
@@ -117,6 +119,7 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
     n.next = (uint32_t) t->num_nodes;
     for (int k = 0; k < 3; k++) {
         n.power[k] = (float) sum.power[k];
+        n.deep[k] = (float) sum.deep[k];
         n.normal[k] = sum.light > 0.0 ? (float) (sum.normal[k] / sum.light) : 0.0f;
         n.direction[k] = sum.light > 0.0 ? (float) (sum.direction[k] / sum.light) : 0.0f;
         n.centre[k] = (float) (sum.light > 0.0 ? sum.centre[k] / sum.light : sum.middle[k] / (double) (end - first));

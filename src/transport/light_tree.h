@@ -15,6 +15,7 @@ struct pell_surface_sample {
     float area;         /* mm^2 */
     float curvature;    /* mean, 1/mm */
     float power[3];     /* E A, W per m^2 times mm^2 */
+    float deep[3];      /* the part of it that goes into the depth, where the profile is not all of its transport */
     float direction[3]; /* mean refracted direction of that light, not unit; 0: unknown */
 };
 
@@ -25,7 +26,7 @@ struct pell_light_node {
     uint32_t next; /* node after its subtree */
     float high[3];
     uint32_t first; /* index of its first sample */
-    float power[3];
+    float power[3], deep[3];
     uint32_t count;             /* number of samples in a leaf; 0: inner node, followed by its children */
     float normal[3], curvature; /* means, weighted by light */
     float direction[3];         /* mean, weighted by light */
@@ -53,6 +54,7 @@ static inline struct pell_surface_sample pell_light_node_sample(const struct pel
         .area = n->area,
         .curvature = n->curvature,
         .power = { n->power[0], n->power[1], n->power[2] },
+        .deep = { n->deep[0], n->deep[1], n->deep[2] },
         .direction = { n->direction[0], n->direction[1], n->direction[2] },
     };
 }

@@ -255,10 +255,10 @@ static void thick_parts_keep_their_bits(void **state)
     shot_free(&shots[1]);
 }
 
-/* Clear, with a phase function as peaked as apple juice's, and white, like skimmed milk. 1/mm. */
+/* Clear, with a phase function as peaked as apple juice's; white, like skimmed milk; and one that mostly absorbs. 1/mm. */
 static const struct medium {
     double sigma_a, sigma_s_reduced, g;
-} clear = { 0.05, 2.5e-4, 0.945 }, white = { 0.0015, 0.7, 0.82 };
+} clear = { 0.05, 2.5e-4, 0.945 }, white = { 0.0015, 0.7, 0.82 }, dark = { 0.2, 0.02, 0.0 };
 
 /* Radiance of a slab under uniform illumination of 1 W/(m^2 sr), averaged over its middle. */
 static double uniform_light_of(const char *method, const char *const *knobs, const struct medium *of, float thickness)
@@ -314,6 +314,22 @@ static void slabs_in_even_light_show_as_much_as_there_is(void **state)
         }
 }
 
+/* Methods scale diffuse light up where it enters, for its single scattering in a half-space, which does not reach the far side: in a medium
+ * of low albedo that is most of the light. */
+static void single_scattering_of_diffuse_light_does_not_cross(void **state)
+{
+    static const char *const methods[] = { "screen-space", "texture-space", "hierarchical", "dipole" }, *const knobs[] = { "samples=64",
+                                                                                                                           NULL };
+    const float thickness = 5.0f;
+    double expected;
+    (void) state;
+    RELEASE_ONLY();
+
+    expected = uniform_light_of("path-trace", knobs, &dark, thickness);
+    for (size_t k = 0; k < PELL_COUNT(methods); k++)
+        REQUIRE_REL(uniform_light_of(methods[k], NULL, &dark, thickness), expected, 0.03);
+}
+
 /* The reference agrees at every thickness, including flights longer than split flights (walk.c). Internal reflections are 1 %. */
 static void path_trace_lets_it_through_at_every_thickness(void **state)
 {
@@ -335,6 +351,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_slab_shows_what_is_behind_it_as_its_closed_form),
         cmocka_unit_test(slabs_in_even_light_show_as_much_as_there_is),
+        cmocka_unit_test(single_scattering_of_diffuse_light_does_not_cross),
         cmocka_unit_test(path_trace_lets_it_through_at_every_thickness),
         cmocka_unit_test(bumps_do_not_make_specks_of_a_lamp),
         cmocka_unit_test(lobes_of_two_boundaries_have_their_density),

@@ -108,8 +108,8 @@ static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec
     return sum;
 }
 
-/* Corrects R for the orientation of the faces: `v` from a point with the normal `n` to the pixel. */
-static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n, float curvature, float R[3])
+/* Corrects R for the orientation of the faces: `v` from a point with the normal `n` to the pixel. through: see pell_opposed_apply. */
+static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n, float curvature, float R[3], float through[3])
 {
     const float s = (float) p->strength;
     const struct pell_opposed_pair pair = { vec3_dot(v, v) / (s * s), vec3_dot(n, v) / s, vec3_dot(p->axis[2], v) / s,
@@ -117,19 +117,20 @@ static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n
 
     for (int c = 0; c < 3; c++)
         R[c] *= p->returned[c];
-    pell_opposed_apply(&p->solid->opposed, &pair, p->scale, R);
+    pell_opposed_apply(&p->solid->opposed, &pair, p->scale, R, through);
 }
 
 /* Computes the irradiance of the queued points and adds their contributions to their batches. */
 static void settle(struct pixel *p)
 {
-    float position[3][MAX_POINTS], normal[3][MAX_POINTS], irradiance[3][MAX_POINTS], curvature[MAX_POINTS];
+    float position[3][MAX_POINTS], normal[3][MAX_POINTS], irradiance[3][MAX_POINTS], single[3][MAX_POINTS], curvature[MAX_POINTS];
     bool valid[MAX_POINTS];
     const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->pattern, NULL };
     const struct pell_surface_light out = {
         .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
         .position = { position[0], position[1], position[2] },
         .normal = { normal[0], normal[1], normal[2] },
+        .single_surplus = { single[0], single[1], single[2] },
         .curvature = curvature,
         .valid = valid,
     };
@@ -141,7 +142,7 @@ static void settle(struct pixel *p)
         const struct pell_vec3 y = vec3(position[0][i], position[1][i], position[2][i]);
         const struct pell_vec3 n = vec3(normal[0][i], normal[1][i], normal[2][i]), to = vec3_sub(y, p->at);
         double r, samples_per_mm2;
-        float R[3];
+        float R[3], through[3] = { 0.0f };
         if (!valid[i] || !(irradiance[0][i] + irradiance[1][i] + irradiance[2][i] > 0.0f))
             continue;
         samples_per_mm2 = density(p, y, n);
@@ -149,9 +150,11 @@ static void settle(struct pixel *p)
         for (int c = 0; c < 3; c++)
             R[c] = (float) (p->solid->scale[c] * pell_profile_eval(&p->solid->profile[c], fmax(r, 1e-9)));
         if (p->solid->is_opposed)
-            oppose(p, vec3_mul(to, -1.0f), n, curvature[i], R);
-        for (int c = 0; samples_per_mm2 > 0.0 && c < 3; c++)
-            p->sum[p->batch[i]][c] += (double) R[c] * (double) irradiance[c][i] / (samples_per_mm2 * p->strength * p->strength);
+            oppose(p, vec3_mul(to, -1.0f), n, curvature[i], R, through);
+        for (int c = 0; samples_per_mm2 > 0.0 && c < 3; c++) {
+            const float light = R[c] * irradiance[c][i] + through[c] * fmaxf(irradiance[c][i] - single[c][i], 0.0f);
+            p->sum[p->batch[i]][c] += (double) light / (samples_per_mm2 * p->strength * p->strength);
+        }
     }
     p->count = 0;
 }

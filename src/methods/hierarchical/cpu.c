@@ -93,12 +93,13 @@ static void light_chunk(void *arg, int index, int worker)
     const struct light_task *t = arg;
     const size_t first = (size_t) index * CHUNK, left = t->count - first, count = left < CHUNK ? left : CHUNK;
     uint32_t mesh[CHUNK], triangle[CHUNK], seed[CHUNK];
-    float u[CHUNK], v[CHUNK], position[3][CHUNK], normal[3][CHUNK], irradiance[3][CHUNK], curvature[CHUNK];
+    float u[CHUNK], v[CHUNK], position[3][CHUNK], normal[3][CHUNK], irradiance[3][CHUNK], single[3][CHUNK], curvature[CHUNK];
     const struct pell_surface_points in = { mesh, triangle, u, v, seed, NULL };
     const struct pell_surface_light out = {
         .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
         .position = { position[0], position[1], position[2] },
         .normal = { normal[0], normal[1], normal[2] },
+        .single_surplus = { single[0], single[1], single[2] },
         .curvature = curvature,
         .valid = t->valid + first,
     };
@@ -122,7 +123,8 @@ static void light_chunk(void *arg, int index, int worker)
         for (int c = 0; c < 3; c++) {
             s->position[c] = position[c][i];
             s->normal[c] = normal[c][i];
-            s->power[c] = irradiance[c][i] * t->points[first + i].area;
+            s->power[c] = irradiance[c][i] * s->area;
+            s->deep[c] = fmaxf(irradiance[c][i] - single[c][i], 0.0f) * s->area;
         }
     }
     drop_buried(t, first, count);
@@ -312,25 +314,33 @@ struct exit {
     const struct slab *slab;
 };
 
-/* R of all channels, from a sample or node to the point, at the squared distance d2. */
-static void transport(const struct solid *b, const struct exit *x, float d2, const float *from, const float *normal, float curvature,
-                      float R[4])
+/* Light that arrives at the point from a sample at the squared distance d2, all channels, times strength^2; R: the transport, 1/mm^2. */
+static void transport(const struct solid *b, const struct exit *x, float d2, const struct pell_surface_sample *from, float R[4],
+                      float light[3])
 {
-    struct pell_opposed_pair pair = { 0.0f, 0.0f, 0.0f, 0.0f, curvature / x->inverse };
+    struct pell_opposed_pair pair = { 0.0f, 0.0f, 0.0f, 0.0f, from->curvature / x->inverse };
+    float through[3];
 
     look_up(&b->radial, d2 * x->inverse2, R);
-    if (!b->is_opposed)
+    if (!b->is_opposed) {
+        for (int c = 0; c < 3; c++)
+            light[c] = R[c] * from->power[c];
         return;
+    }
     for (int c = 0; c < 3; c++)
         R[c] *= x->slab->returned[c];
     for (int k = 0; k < 3; k++) {
-        const float v = (x->at[k] - from[k]) * x->inverse;
+        const float v = (x->at[k] - from->position[k]) * x->inverse;
         pair.distance2 += v * v;
-        pair.from += normal[k] * v;
+        pair.from += from->normal[k] * v;
         pair.to += x->normal[k] * v;
-        pair.facing += x->normal[k] * normal[k];
+        pair.facing += x->normal[k] * from->normal[k];
     }
-    pell_opposed_apply(&b->opposed, &pair, x->slab->scale, R);
+    pell_opposed_apply(&b->opposed, &pair, x->slab->scale, R, through);
+    for (int c = 0; c < 3; c++) {
+        light[c] = R[c] * from->power[c] + through[c] * from->deep[c];
+        R[c] += through[c];
+    }
 }
 
 static void add_samples(const struct solid *b, const struct pell_light_node *n, const struct exit *x, float *sum, struct near *near)
@@ -338,14 +348,14 @@ static void add_samples(const struct solid *b, const struct pell_light_node *n, 
     for (uint32_t i = n->first; i < n->first + n->count; i++) {
         const struct pell_surface_sample *s = &b->tree.samples[i];
         const float area = s->area, d2 = distance2(s->position, x->at), t = 1.0f - d2 / b->reach2, w = t > 0.0f ? t * t : 0.0f;
-        float R[4];
-        transport(b, x, d2, s->position, s->normal, s->curvature, R);
+        float R[4], light[3];
+        transport(b, x, d2, s, R, light);
         for (int c = 0; c < 3; c++)
-            sum[c] += (1.0f - w) * R[c] * s->power[c];
+            sum[c] += (1.0f - w) * light[c];
         if (!(w > 0.0f))
             continue;
         for (int c = 0; c < 3; c++) {
-            near->light[c] += w * R[c] * s->power[c];
+            near->light[c] += w * light[c];
             near->weight[c] += w * R[c] * area;
             near->normal[c] += w * area * s->normal[c];
         }
@@ -365,10 +375,10 @@ static bool add_folded_node(const struct solid *b, const struct pell_light_node 
         return false;
     for (uint32_t i = 0; i < REPRESENTATIVES; i++) {
         const struct pell_surface_sample *s = &b->tree.samples[n->first + (uint32_t) ((2 * i + 1) * count / (2 * REPRESENTATIVES))];
-        float R[4];
-        transport(b, x, distance2(s->position, x->at), s->position, s->normal, s->curvature, R);
+        float R[4], one[3];
+        transport(b, x, distance2(s->position, x->at), s, R, one);
         for (int c = 0; c < 3; c++) {
-            light[c] += R[c] * s->power[c];
+            light[c] += one[c];
             power[c] += s->power[c];
         }
     }
@@ -419,10 +429,11 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
         }
         const bool far = n->area < error * d2 && pell_light_node_distance2(n, p) > b->reach2;
         if (far && (!b->is_opposed || length2(n->normal) > MIN_NORMAL2)) {
-            float R[4];
-            transport(b, &x, d2, n->centre, n->normal, n->curvature, R);
+            const struct pell_surface_sample one = pell_light_node_sample(n);
+            float R[4], light[3];
+            transport(b, &x, d2, &one, R, light);
             for (int c = 0; c < 3; c++)
-                sum[c] += R[c] * n->power[c];
+                sum[c] += light[c];
             i = n->next;
         } else if (far && add_folded_node(b, n, &x, sum)) {
             i = n->next;

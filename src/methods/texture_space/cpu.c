@@ -283,7 +283,21 @@ static void begin_solid(struct ts_state *st, size_t index, struct ts_chain_param
 struct remaining_task {
     struct ts_state *st;
     const struct ts_atlas *atlas;
+    float *const *single; /* W/m^2: of the light, the part that accounts for single scattering and is not transmitted; NULL: none */
 };
+
+/* The fraction of the light where a texel's transmitted light enters that goes into the depth. */
+static void deep_fraction(const struct remaining_task *p, const struct ts_transmitted_texel *t, float fraction[3])
+{
+    const float *const light[3] = { p->st->light[0], p->st->light[1], p->st->light[2] };
+    const float *const single[3] = { p->single[0], p->single[1], p->single[2] };
+    float all[3], once[3];
+
+    ts_read(p->atlas, &t->from, light, 3, all);
+    ts_read(p->atlas, &t->from, single, 3, once);
+    for (int c = 0; c < 3; c++)
+        fraction[c] = all[c] > 0.0f ? fminf(fmaxf(1.0f - once[c] / all[c], 0.0f), 1.0f) : 1.0f;
+}
 
 static void remaining_chunk(void *arg, int chunk, int worker)
 {
@@ -297,7 +311,7 @@ static void remaining_chunk(void *arg, int chunk, int worker)
         struct ts_transmitted_texel *t = &tsm->texels[i];
         const int count = tsm->count - i < 16 ? (int) (tsm->count - i) : 16;
         struct pell_points16 points;
-        float remaining[3][16];
+        float remaining[3][16], deep[3] = { 1.0f, 1.0f, 1.0f };
         for (int k = 0; k < count; k++) {
             const struct ts_triangle *of = &a->triangles[a->source[t[k].at]];
             points.mesh[k] = of->mesh;
@@ -306,16 +320,19 @@ static void remaining_chunk(void *arg, int chunk, int worker)
             points.v[k] = a->bary[1][t[k].at];
         }
         pell_services_transmitted(p->st->services, &points, count, remaining);
-        for (int k = 0; k < count; k++)
+        for (int k = 0; k < count; k++) {
+            if (p->single)
+                deep_fraction(p, &t[k], deep);
             for (int c = 0; c < 3; c++)
-                t[k].remaining[c] = remaining[c][k];
+                t[k].remaining[c] = remaining[c][k] * deep[c];
+        }
     }
 }
 
-/* The fraction of transmitted light that remains after what the engine already adds for light inside the solid. */
-static void set_remaining(struct ts_state *st, const struct ts_atlas *a)
+/* The fraction of the light in st->light that is transmitted, without what the engine already adds for light inside the solid. */
+static void set_remaining(struct ts_state *st, const struct ts_atlas *a, float *const *single)
 {
-    struct remaining_task task = { st, a };
+    struct remaining_task task = { st, a, single };
 
     pell_pool_run(st->services->pool, (int) ((st->tsm.count + CHUNK - 1) / CHUNK), remaining_chunk, &task);
 }
@@ -325,7 +342,7 @@ static enum pell_result join(struct ts_state *st, const struct ts_atlas *a, uint
 {
     enum pell_result res;
 
-    PELL_TRY(ts_light_map(st, a, lights, NULL, false, st->light + TS_LOCAL));
+    PELL_TRY(ts_light_map(st, a, lights, NULL, false, st->light + TS_LOCAL, NULL));
     show_light(st, st->light + TS_LOCAL, true);
 
 fail:
@@ -354,6 +371,8 @@ static enum pell_result transmit(struct ts_state *st, size_t index, size_t light
         .thickest = solid->profile->thickest,
         .falloff = solid->profile->widest,
     };
+    /* planes that the blurs need only later; other lights have directions, and their single scattering is separate */
+    float *const *single = around && st->knobs.lights == TS_LIGHTS_OWN ? st->now : NULL;
     int64_t rays = 0;
     enum pell_result res;
 
@@ -371,8 +390,8 @@ static enum pell_result transmit(struct ts_state *st, size_t index, size_t light
         const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
         if (st->need.on && around)
             ts_need_chain(st, solid, true);
-        PELL_TRY(ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around,
-                              st->light)); /* rays accept light from any side */
+        PELL_TRY(ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around, st->light,
+                              single)); /* rays accept light from any side */
         rays = 0;
         if (!around)
             PELL_TRY(ts_tsm_light(&t, lit, st->light[TS_ALPHA], &st->tsm, &rays));
@@ -386,7 +405,7 @@ static enum pell_result transmit(struct ts_state *st, size_t index, size_t light
                                      1,
                                      .of_light = true,
                                      .falloff = t.falloff });
-    set_remaining(st, a);
+    set_remaining(st, a, single);
     if (st->need.on)
         ts_need_chain(st, solid, true);
     if (local)
@@ -446,7 +465,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t index)
         ts_need_begin(st, solid);
     PELL_TRY(st->run->begin(st, solid));
     if (st->knobs.lights == TS_LIGHTS_SUM) {
-        PELL_TRY(ts_light_map(st, a, 0, NULL, true, st->light));
+        PELL_TRY(ts_light_map(st, a, 0, NULL, true, st->light, NULL));
         show_light(st, st->light, false);
     }
     for (size_t i = 0; i < scene->num_lights; i++)
@@ -469,7 +488,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t index)
     if (st->need.on)
         ts_need_chain(st, solid, false);
     if (st->knobs.lights == TS_LIGHTS_OWN && rest) {
-        PELL_TRY(ts_light_map(st, a, rest, NULL, false, st->light));
+        PELL_TRY(ts_light_map(st, a, rest, NULL, false, st->light, NULL));
         show_light(st, st->light, false);
     }
     chain.transmission = false;

@@ -19,6 +19,7 @@ struct lighting {
     const struct ts_atlas *atlas;
     uint64_t lights;      /* bit mask of the lights to compute */
     float *const *light;  /* output: three planes */
+    float *const *single; /* output: three planes, as in ts_light_map; NULL: not requested */
     const uint8_t *faces; /* for a light of a known direction, the orientation of each triangle to it; NULL: unknown */
     const uint8_t *need;  /* per texel: 0: not needed; NULL: all are needed */
     bool strength;        /* also store the strength map */
@@ -55,12 +56,15 @@ static int64_t light_texels(const struct lighting *p, struct texels *k)
     const struct pell_points_params params = params_of(p, k->subset * (uint32_t) k->samples, k->samples);
     const struct pell_surface_points in = pell_points16_in(&k->points, k->ambient);
     struct pell_points16_light light;
-    const struct pell_surface_light out = pell_points16_out(&light);
+    struct pell_surface_light out = pell_points16_out(&light);
+    float single[3][16];
     const size_t count = (size_t) k->count;
     int64_t rays;
 
     if (count == 0)
         return 0;
+    for (int c = 0; c < 3 && p->single; c++)
+        out.single_surplus[c] = single[c];
     if (p->step == SEND) {
         *(*k->slot)++ = services->batches->send(services->engine, &params, &in, count);
         k->count = 0;
@@ -71,6 +75,8 @@ static int64_t light_texels(const struct lighting *p, struct texels *k)
     for (int i = 0; i < k->count; i++) {
         for (int c = 0; c < 3; c++)
             p->light[c][k->at[i]] = light.irradiance[c][i];
+        for (int c = 0; c < 3 && p->single; c++)
+            p->single[c][k->at[i]] = single[c][i];
         if (p->strength)
             st->strength[k->at[i]] = light.strength[i];
     }
@@ -111,9 +117,13 @@ static void light_rows(void *arg, int index, int worker)
     }
     for (int y = first; y < last && p->step != SEND; y++)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
-            for (int c = 0; c < 3; c++)
-                memset(p->light[c] + y * a->stride + a->runs[r].from * TS_BLOCK, 0,
-                       (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK * sizeof(float));
+            for (int c = 0; c < 3; c++) {
+                const ptrdiff_t from = y * a->stride + a->runs[r].from * TS_BLOCK;
+                const size_t bytes = (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK * sizeof(float);
+                memset(p->light[c] + from, 0, bytes);
+                if (p->single)
+                    memset(p->single[c] + from, 0, bytes);
+            }
     for (int y0 = first; y0 < last; y0 += TS_TILE)
         for (int block = 0; block < a->blocks; block++) {
             const int count = ts_block_texels(a, y0, block, texels);
@@ -211,7 +221,7 @@ static enum pell_result light_charts(struct lighting *p)
 }
 
 enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all,
-                              float *const light[3])
+                              float *const light[3], float *const *single)
 {
     const bool partial = st->need.on && !all;
     struct lighting lighting = {
@@ -219,6 +229,7 @@ enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uin
         .atlas = a,
         .lights = lights,
         .light = light,
+        .single = single,
         .faces = faces,
         .need = partial ? st->need.stage : NULL,
     };

@@ -158,10 +158,11 @@ void ts_show(struct ts_state *st, const struct ts_image *image);
 /* --- light_map.c ----------------------------------------------------------------------------------------------------------------- */
 
 /* Computes the entering light of the lights in the bit mask (0: all) to three planes; in a partly made map only for needed texels, unless
- * `all`. `faces`: for lights of one known direction the orientation of each triangle; NULL: unknown. Call between chains: st->half holds
- * the ambient visibility. */
+ * `all`. `faces`: for lights of one known direction the orientation of each triangle; NULL: unknown. `single`: three more planes, for the
+ * part that accounts for the single scattering of diffuse light; NULL: not requested. Call between chains: st->half holds the ambient
+ * visibility. */
 PELL_NODISCARD enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all,
-                                             float *const light[3]);
+                                             float *const light[3], float *const *single);
 /* The same, and the material's strength to st->strength. */
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a);
 

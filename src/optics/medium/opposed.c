@@ -84,11 +84,11 @@ double pell_opposed_gain(const struct pell_opposed *o, int channel, const struct
     for (int i = 0; i < STEPS; i++) {
         const double x = (i + 0.5) / STEPS, d = 2.0 * radius * x * x * x, area = d * x * x;
         const struct pell_opposed_pair pair = on_sphere(curvature, radius, d);
-        float R[3] = { 0.0f };
+        float R[3] = { 0.0f }, through[3];
         R[channel] = (float) pell_profile_eval(profile, d);
         plain += area * (double) R[channel];
-        pell_opposed_apply(o, &pair, (const float[3]) { 1.0f, 1.0f, 1.0f }, R);
-        modified += area * (double) R[channel];
+        pell_opposed_apply(o, &pair, (const float[3]) { 1.0f, 1.0f, 1.0f }, R, through);
+        modified += area * (double) (R[channel] + through[channel]);
     }
     return modified > 0.0 ? gain * plain / modified : gain;
 }

@@ -125,14 +125,17 @@ static inline float pell_opposed_unseen(float facing)
     return smooth_ramp(PELL_OPPOSED_SEEN, PELL_OPPOSED_HIDDEN, facing);
 }
 
-/* R: the profile over the distance, 1/mm^2; replaced by the result. */
-static inline void pell_opposed_apply(const struct pell_opposed *o, const struct pell_opposed_pair *p, const float scale[3], float R[3])
+/* R: the profile over the distance, 1/mm^2; replaced by what remains of it, for all light. through: transport through the solid, times
+ * `scale`, 1/mm^2, for the light that goes into the depth. */
+static inline void pell_opposed_apply(const struct pell_opposed *o, const struct pell_opposed_pair *p, const float scale[3], float R[3],
+                                      float through[3])
 {
-    float through[3];
     const float remaining = pell_opposed_split(o, p, through);
 
-    for (int c = 0; c < 3; c++)
-        R[c] = o->amount[c] > 0.0f ? remaining * R[c] + scale[c] * through[c] : R[c];
+    for (int c = 0; c < 3; c++) {
+        R[c] *= o->amount[c] > 0.0f ? remaining : 1.0f;
+        through[c] = o->amount[c] > 0.0f ? scale[c] * through[c] : 0.0f;
+    }
 }
 
 #endif

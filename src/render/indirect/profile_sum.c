@@ -39,7 +39,7 @@ static void add(const struct profile_sum *w, struct pell_vec3 at, struct pell_ve
     static const float one[3] = { 1.0f, 1.0f, 1.0f };
     const struct pell_vec3 v = vec3_sub(at, vec3_load(from->position)), n = vec3_load(from->normal);
     const struct pell_opposed_pair pair = { vec3_dot(v, v), vec3_dot(n, v), vec3_dot(normal, v), vec3_dot(normal, n), from->curvature };
-    float R[3];
+    float R[3], through[3];
 
     if (pair.distance2 < w->window2 && pair.facing > MIN_FACING) {
         for (int c = 0; c < 3; c++)
@@ -49,9 +49,9 @@ static void add(const struct profile_sum *w, struct pell_vec3 at, struct pell_ve
     }
     for (int c = 0; c < 3; c++)
         R[c] = radial_at(&w->radial[c], pair.distance2);
-    pell_opposed_apply(&w->opposed, &pair, one, R);
+    pell_opposed_apply(&w->opposed, &pair, one, R, through);
     for (int c = 0; c < 3; c++)
-        sum[c] += R[c] * from->power[c];
+        sum[c] += R[c] * from->power[c] + through[c] * from->deep[c];
 }
 
 void indirect_profile_sum_at(const struct profile_sum *w, const float position[3], const float normal[3], float M[3])

@@ -157,6 +157,7 @@ static void enter16(const struct transport *s, size_t first, size_t count)
             shifted[c][i] *= scale;
             single[c][i] *= scale;
             p->power[c] = irradiance[c][i] * scale;
+            p->deep[c] = fmaxf(p->power[c] - single[c][i], 0.0f);
             p->direction[c] = valid[i] ? direction[c][i] : 0.0f;
             s->gain[first + i][c] = gain[c][i];
             s->crossed[first + i][c] = crossed[c][i];
@@ -286,8 +287,11 @@ static struct pell_surface_sample *scale_by_curvature(const struct transport *s,
 
     for (size_t i = 0; out && i < s->count; i++) {
         out[i] = s->sample[s->list[i]];
-        for (int c = 0; c < 3; c++)
-            out[i].power[c] = (deep ? s->source[s->list[i]][c] : out[i].power[c] * s->albedo[s->list[i]][c]) * s->gain[s->list[i]][c];
+        for (int c = 0; c < 3; c++) {
+            const float gain = s->gain[s->list[i]][c], scale = gain * s->albedo[s->list[i]][c];
+            out[i].power[c] = deep ? s->source[s->list[i]][c] * gain : out[i].power[c] * scale;
+            out[i].deep[c] *= scale;
+        }
     }
     return out;
 }

@@ -99,6 +99,8 @@ static void scale_sums(const struct pell_gains *restrict gains, struct pell_sums
         for (int i = 0; i < N; i++) {
             sums->irradiance[c][i] *= gains->all[c][i];
             sums->single[c][i] *= gains->single[c][i];
+            sums->shifted[c][i] *= gains->all[c][i];
+            sums->single_surplus[c][i] *= gains->all[c][i];
         }
 }
 

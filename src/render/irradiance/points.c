@@ -225,7 +225,8 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
                        const struct pell_surface_points *in, size_t first, size_t count, uint32_t slot,
                        const struct pell_surface_light *out)
 {
-    _Alignas(64) float mean[3][16] = { { 0 } }, albedo[3][16] = { { 0 } };
+    _Alignas(64) float mean[3][16] = { { 0 } }, shifted[3][16] = { { 0 } }, single_surplus[3][16] = { { 0 } }, albedo[3][16] = { { 0 } };
+    const float part = 1.0f / (float) what->samples;
     struct pell_lighting lighting = { .shadow_rays = 0 };
     struct point_packet l;
     int64_t rays;
@@ -242,7 +243,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         lighting.direction_in[c] = l.s.direction[c];
     }
     lighting.diffuse = l.s.diffuse;
-    l.params16.directions = out->shifted[0];
+    l.params16.directions = out->shifted[0] || out->single_surplus[0] || out->direction[0] || out->diffuse;
     for (int k = 0; l.valid && k < what->samples; k++) {
         l.params16.sample = what->first + (uint32_t) k;
         l.at.sample = (uint32_t) k;
@@ -251,19 +252,25 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < 16; i++)
                 mean[c][i] += l.valid >> i & 1 ? (l.s.irradiance[c][i] + l.s.transmitted[c][i]) / (float) what->samples : 0.0f;
+        for (int c = 0; c < 3 && l.params16.directions; c++)
+            for (int i = 0; i < 16; i++) {
+                shifted[c][i] += part * l.s.shifted[c][i];
+                single_surplus[c][i] += part * l.s.single_surplus[c][i];
+            }
     }
     for (size_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
-            if (out->shifted[c]) { /* from the last sample */
-                out->shifted[c][first + i] = l.s.shifted[c][i];
-                out->single_surplus[c][first + i] = l.s.single_surplus[c][i];
+            if (out->shifted[c])
+                out->shifted[c][first + i] = shifted[c][i];
+            if (out->single_surplus[c])
+                out->single_surplus[c][first + i] = single_surplus[c][i];
+            if (out->direction[c]) /* from the last sample */
                 out->direction[c][first + i] = l.s.direction[c][i];
-            }
             out->irradiance[c][first + i] = mean[c][i];
             if (out->albedo[c])
                 out->albedo[c][first + i] = albedo[c][i];
         }
-    if (out->shifted[0])
+    if (out->diffuse)
         memcpy(out->diffuse + first, l.s.diffuse, count * sizeof(*out->diffuse));
     write_shape16(&l, what, first, count, out);
     return rays;
