@@ -735,6 +735,34 @@ static void lights_add_up(void **state)
         shot_free(&one[run]);
 }
 
+/* Under a uniform environment a slab has the light of single-scatter, though few directions are sampled. */
+static void a_slab_under_even_light_has_that_of_single_scatter(void **state)
+{
+    static const char *const exact[] = { "error=0.02", NULL };
+    const struct test_layer one = { INFINITY, 0.02, 0.52, schlick(0.0) };
+    double mean[2] = { 0.0 };
+    (void) state;
+
+    for (int run = 0; run < 2; run++) {
+        struct stage s;
+        struct shot shot;
+        stage_start(&s, 8, 8);
+        s.settings.msaa = 4;
+        give_layers(&s, &one, 1, 1.0);
+        stage_box(&s, 0, 0, vec3(-80, -80, -5), vec3(80, 80, 0));
+        stage_environment(&s, 1.0f);
+        stage_camera(&s, vec3(0, 0, 400), vec3(0, 0, 0), 0.0f, 2.0f);
+        shot = stage_shot_of(&s, run ? "single-scatter" : "layered", run ? exact : NULL);
+        shot_check(&shot);
+        for (int i = 0; i < 64; i++)
+            mean[run] += shot_at(&shot, SHOT_G, i % 8, i / 8) / 64.0;
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    print_message("# layered %.5f, single-scatter %.5f\n", mean[0], mean[1]);
+    REQUIRE_REL(mean[0], mean[1], 0.02);
+}
+
 /* Steps equal in optical depth and steps equal in length converge to the same image; with few steps the former are more accurate in
  * optically thick media. */
 static void steps_by_optical_depth(void **state)
@@ -774,12 +802,25 @@ static void steps_by_optical_depth(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(homogeneous),     cmocka_unit_test(three_layers),   cmocka_unit_test(refracting_slab),
-        cmocka_unit_test(phases),          cmocka_unit_test(early_end),      cmocka_unit_test(clear_and_many),
-        cmocka_unit_test(uniform_paint),   cmocka_unit_test(uv_of_any_kind), cmocka_unit_test(hostile_paint),
-        cmocka_unit_test(paths_on_a_slab), cmocka_unit_test(balls),          cmocka_unit_test(terminator),
-        cmocka_unit_test(planes),          cmocka_unit_test(sheet),          cmocka_unit_test(slab_from_behind),
-        cmocka_unit_test(bottom),          cmocka_unit_test(lights_add_up),  cmocka_unit_test(steps_by_optical_depth),
+        cmocka_unit_test(homogeneous),
+        cmocka_unit_test(three_layers),
+        cmocka_unit_test(refracting_slab),
+        cmocka_unit_test(phases),
+        cmocka_unit_test(early_end),
+        cmocka_unit_test(clear_and_many),
+        cmocka_unit_test(uniform_paint),
+        cmocka_unit_test(uv_of_any_kind),
+        cmocka_unit_test(hostile_paint),
+        cmocka_unit_test(paths_on_a_slab),
+        cmocka_unit_test(balls),
+        cmocka_unit_test(terminator),
+        cmocka_unit_test(planes),
+        cmocka_unit_test(sheet),
+        cmocka_unit_test(slab_from_behind),
+        cmocka_unit_test(bottom),
+        cmocka_unit_test(lights_add_up),
+        cmocka_unit_test(a_slab_under_even_light_has_that_of_single_scatter),
+        cmocka_unit_test(steps_by_optical_depth),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,7 +4,10 @@
 
 #include "base/hash.h"
 
-enum { ENVIRONMENT = 4 }; /* directions to an environment per point on another light */
+enum {
+    ENVIRONMENT = 4, /* directions to an environment per point on another light */
+    MAX_SETS = 64,   /* sets of such directions, one for each multisample of a pixel */
+};
 
 static double fraction(double x)
 {
@@ -12,12 +15,49 @@ static double fraction(double x)
 }
 
 /* A low-discrepancy sequence in the unit square, well distributed for any number of points (M. Roberts 2018, "The Unreasonable
- * Effectiveness of Quasirandom Sequences"); the first point is the centre. */
+ * Effectiveness of Quasirandom Sequences"); the first point is the centre. u[0] chooses between lights, and each sampler has one. */
 static void spread(double index, double u[3])
 {
-    u[0] = fraction(0.5 + index * 0.8191725133961645);
-    u[1] = fraction(0.5 + index * 0.6710436067037893);
-    u[2] = fraction(0.5 + index * 0.5497004779019703);
+    u[0] = 0.5;
+    u[1] = fraction(0.5 + index * 0.7548776662466927);
+    u[2] = fraction(0.5 + index * 0.5698402909980532);
+}
+
+/* The distance of n step from an integer times n, the least of all n < count: large where the points i step modulo 1 are evenly spaced. */
+static double evenness(double step, int count)
+{
+    double least = 1.0;
+
+    for (int n = 1; n < count; n++) {
+        const double at = fraction(n * step);
+        least = fmin(least, n * fmin(at, 1.0 - at));
+    }
+    return least;
+}
+
+/* Point i of a lattice has the coordinates (i + 1/2)/(sets count) and i step modulo 1, and is in set i modulo `sets`. The steps with which
+ * each set is a spiral by the golden ratio are (golden ratio + k)/sets; returns the one with the most even lattice. */
+static double lattice_step(int sets, int count)
+{
+    const double golden = 0.6180339887498949;
+    double best = golden, most = 0.0;
+
+    for (int k = 0; k < sets; k++) {
+        const double step = (golden + k) / sets, value = evenness(step, sets * count);
+        if (value > most) {
+            most = value;
+            best = step;
+        }
+    }
+    return best;
+}
+
+/* Multisamples of a pixel use different directions: a set is the same for all pixels, and its error depends on the surface's direction. */
+static int sets_of(const struct layered_state *st, const struct pell_light *light)
+{
+    const int samples = st->services->settings->msaa;
+
+    return light->type != PELL_LIGHT_ENVIRONMENT ? 1 : samples < MAX_SETS ? samples : MAX_SETS;
 }
 
 static void add_light(struct layered_state *st, const struct pell_scene *scene, size_t index, const struct pell_light_sampler *sampler,
@@ -26,15 +66,24 @@ static void add_light(struct layered_state *st, const struct pell_scene *scene, 
     const struct pell_light *light = &scene->lights[index];
     const bool environment = light->type == PELL_LIGHT_ENVIRONMENT;
     const bool area_light = light->type == PELL_LIGHT_RECT || light->type == PELL_LIGHT_DISC;
-    const int count = environment ? ENVIRONMENT * each : area_light ? each : 1;
+    const int count = environment ? ENVIRONMENT * each : area_light ? each : 1, sets = sets_of(st, light), all = sets * count;
+    const double step = environment ? lattice_step(sets, count) : 0.0;
 
-    for (int i = 0; i < count && pell_light_sampler_count(sampler) > 0; i++) {
+    for (int i = 0; i < all && pell_light_sampler_count(sampler) > 0; i++) {
         struct layered_light_point *s = &st->light_points[st->num_light_points];
         const struct pell_vec3 nowhere = { 0 };
-        double u[3];
-        spread((double) i, u);
+        double u[3] = { 0.5, (i + 0.5) / all, fraction(i * step) };
+        if (!environment)
+            spread((double) i, u);
         *s = (struct layered_light_point) {
-            .sampler = sampler, .per_pixel = area_light && each > 1, .index = i, .count = count, .scale = 1.0f, .light = index
+            .sampler = sampler,
+            .per_pixel = area_light && each > 1,
+            .index = i,
+            .count = count,
+            .set = i % sets,
+            .sets = sets,
+            .scale = 1.0f,
+            .light = index,
         };
         if (!pell_light_sampler_sample(sampler, nowhere, u, &s->sample))
             continue;
@@ -55,10 +104,13 @@ enum pell_result layered_make_lights(struct layered_state *st, const struct pell
 {
     const int each = st->knobs.light_samples;
     struct pell_scene alone = *scene;
+    size_t sets = 1;
     enum pell_result res = PELL_ERR_NOMEM;
 
+    for (size_t i = 0; i < scene->num_lights; i++)
+        sets += ENVIRONMENT * (size_t) sets_of(st, &scene->lights[i]);
     st->samplers = pell_calloc(st->ctx, scene->num_lights + 1, sizeof(*st->samplers));
-    st->light_points = pell_calloc(st->ctx, scene->num_lights * ENVIRONMENT + 1, (size_t) each * sizeof(*st->light_points));
+    st->light_points = pell_calloc(st->ctx, sets, (size_t) each * sizeof(*st->light_points));
     if (!st->samplers || !st->light_points)
         goto fail;
     for (size_t i = 0; i < scene->num_lights; i++) {
@@ -80,6 +132,8 @@ bool layered_set_power(const struct layered_state *st, const struct layered_ligh
     const int sample = st->in->sample;
     bool any = false;
 
+    if (sample % s->sets != s->set)
+        return false;
     source->distant = s->sample.distant;
     for (int i = 0; i < p->count; i++) {
         struct pell_light_sample one = s->sample;

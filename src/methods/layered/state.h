@@ -22,6 +22,7 @@ struct layered_light_point {
     size_t light;                       /* index in the scene */
     const struct pell_light_grid *grid; /* of the frame: visibility from the light; NULL: trace shadow rays */
     int index, count;                   /* of the sample points of this light */
+    int set, sets;                      /* for the multisamples whose index is `set` modulo `sets` */
     float power[3], scale;
 };
 
