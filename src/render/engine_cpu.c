@@ -413,6 +413,8 @@ struct pell_irradiance_params pell_cpu_sample_light(const struct pell_cpu *e, co
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
     light.transmits = f->plan && (light.local || f->plan->local);
     light.opposed &= f->plan && f->plan->opposed;
+    if (!f->plan) /* light leaves where it enters, whatever the shape */
+        light.curvature = NULL;
     light.solid_light = e->solid_light;
     light.whole_solid = e->whole_solid;
     light.between_faces = light.local && e->solid_light && e->between_faces;

@@ -327,11 +327,11 @@ static void a_sheet_is_as_bright_as_path_traced(void **state)
 /* --- Light ------------------------------------------------------------------------------------------------------------------------ */
 
 /* Light along the axis of a ball of radius a: in the middle of the image the entering light is gain (1 - 2 l/(eta a)) times that of a
- * plane. */
+ * plane; without scattering it is the same. */
 static void a_ball_lit_from_the_front_has_the_closed_form(void **state)
 {
     const float radius = 30.0f;
-    struct shot shot[2];
+    struct shot shot[2], none[2];
     struct pell_material *m;
     struct stage s;
     size_t material;
@@ -345,7 +345,8 @@ static void a_ball_lit_from_the_front_has_the_closed_form(void **state)
     s.settings.layers = true;
     for (int on = 0; on < 2; on++) {
         s.settings.curvature = on;
-        shot[on] = stage_shot_of(&s, "none", NULL);
+        shot[on] = stage_shot_of(&s, "hierarchical", NULL);
+        none[on] = stage_shot_of(&s, "none", NULL);
     }
     for (size_t c = 0; c < 3; c++) {
         const double path = 1.0 / (m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c]), bent = 1.0 - 2.0 * path / (m->medium.eta * 30.0);
@@ -357,9 +358,12 @@ static void a_ball_lit_from_the_front_has_the_closed_form(void **state)
         REQUIRE_REL(shot_at(&shot[1], SHOT_IRRADIANCE + c, SIZE / 2, SIZE / 2) / shot_at(&shot[0], SHOT_IRRADIANCE + c, SIZE / 2, SIZE / 2),
                     gain * bent, 5e-3);
         REQUIRE_REL(shot_at(&shot[1], c, SIZE / 2, SIZE / 2) / shot_at(&shot[0], c, SIZE / 2, SIZE / 2), gain * bent, 5e-3);
+        REQUIRE(shot_at(&none[1], c, SIZE / 2, SIZE / 2) == shot_at(&none[0], c, SIZE / 2, SIZE / 2));
     }
-    shot_free(&shot[0]);
-    shot_free(&shot[1]);
+    for (int on = 0; on < 2; on++) {
+        shot_free(&shot[on]);
+        shot_free(&none[on]);
+    }
     stage_finish(&s);
 }
 
