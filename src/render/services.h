@@ -66,6 +66,8 @@ struct pell_surface_light {
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
     float *gain[3];              /* factor by curvature; 1 where it is not measured */
     float *crossed[3];           /* with `gain`: ratio of a slab's transmission to the transport between faces, in a flat thin part */
+    float *uniform[3];           /* with `gain`: struct pell_curvature_effects' `uniform`, and */
+    float *small[3];             /* `small` where a part is round; 0 where it is flat, or its shape is not measured */
     float *shifted[3];           /* W/m^2: part of the irradiance that a curved surface moves away from where it enters, */
     float *single_surplus[3];    /* part that accounts for the single scattering of diffuse light, which does not go into the depth, */
     float *direction[3];         /* the mean refracted direction of the rest, not unit, */

@@ -113,6 +113,8 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
             out->gain[c][i] = l.bent[c][i];
             out->opposed[c][i] = l.bent[3 + c][i];
             out->local[c][i] = local;
+            out->uniform[c][i] = all;
+            out->small[c][i] = l.small[c][i];
             out->opposed_local[c][i] = larger(all - larger(through, l.bent[6 + c][i]), 0.0f);
             out->shift[c][i] = pell_curvature_shift(s->mean[i], path[i]);
             out->sheet[c][i] = out->flat[i] * (through + l.forward[c][i]);

@@ -45,10 +45,12 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curva
  * moves light from steep to grazing incidence: mu becomes mu + shift (1 - 3 mu^2), which over a ball has the same sum. sheet and round:
  * the part of a slab's T by which `local` is smaller, over the return of a half-space, to the degree that the part is flat, and round.
  * returned: fraction of a half-space's return that leaves on the same side of a flat thin part; 1 for other parts. crossed: ratio of a
- * slab's transmission to that of optics/medium/opposed.h in such a part; 1 for other parts. */
+ * slab's transmission to that of optics/medium/opposed.h in such a part; 1 for other parts. uniform: the total return of uniform light,
+ * `local` plus T, over that of a half-space. small: where it is known from flights, as in small.h, since a part is too small for
+ * diffusion; 1 there, 0 in large parts. */
 struct pell_curvature_effects {
     _Alignas(64) float gain[3][16], local[3][16], opposed[3][16],
-        opposed_local[3][16], shift[3][16], sheet[3][16], round[3][16], returned[3][16], crossed[3][16];
+        opposed_local[3][16], shift[3][16], sheet[3][16], round[3][16], returned[3][16], crossed[3][16], uniform[3][16], small[3][16];
     float flat[16]; /* 1: a sheet; 0: as round as a ball or a cylinder, or not thin */
 };
 /* Computes the effects at points of triangles: mesh, triangle, u and v of `at`. No effect where `active` is 0. */

@@ -288,6 +288,27 @@ uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint3
 /* --- parts.c: separate solids of one object ------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result indirect_parts_make(struct pell_indirect *in, struct pell_pool *pool);
+/* Whether a solid contains another object, as flesh contains bones: diffusion is not solved around it, and the methods' own paths end
+ * there. */
+bool indirect_contains_another(const struct pell_indirect *in, const struct indirect_sample *of);
+
+/* --- round_parts.c: thin round parts ------------------------------------------------------------------------------------------------- */
+
+/* The shape at a sample, see struct pell_surface_light. */
+struct indirect_round {
+    float gain[3], uniform[3];
+    float weight[3]; /* [0, 1]: `small`, where samples are dense enough */
+};
+struct indirect_round_parts {
+    const struct pell_surface_sample *sample; /* of the stage, */
+    const struct indirect_round *round;
+    const uint32_t *list; /* and those of an object and medium */
+    size_t count;
+    float spacing;       /* mm between samples */
+    float (*surplus)[3]; /* output, where a sample is in such a part: factor of the method's result, less 1 */
+};
+PELL_NODISCARD enum pell_result indirect_round_parts_scale(struct pell_context *ctx, struct pell_pool *pool,
+                                                           const struct pell_indirect_solid *as, const struct indirect_round_parts *of);
 
 /* --- opposite.c: samples on the other side -------------------------------------------------------------------------------------------- */
 

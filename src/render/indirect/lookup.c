@@ -122,7 +122,7 @@ static void correct16(const struct correct *t, int x0, int y)
     for (int i = 0; i < 16; i++)
         for (int c = 0; active[i] && c < 3; c++)
             t->exitance[c][y * s->stride + x0 + i] *=
-                q.gain[c][i] * (t->angle ? exit_factor(t, x0 + i, y, &q, i, c) : 1.0f) + (1.0f - q.solved[c][i]);
+                q.gain[c][i] * (t->angle ? exit_factor(t, x0 + i, y, &q, i, c) : 1.0f) + (1.0f - q.solved[c][i]) + q.thin[c][i];
 }
 
 static void correct_row(void *arg, int index, int worker)

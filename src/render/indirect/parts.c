@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
  * parts.c - separate solids of one object, between which no light passes inside: closed parts that no chord connects. The wall of a hollow
- * belongs to the solid around it, and overlapping parts are one solid. Parts that are not closed are taken to be one solid.
+ * belongs to the solid around it, and overlapping parts are one solid. Parts that are not closed are taken to be one solid. Also finds
+ * solids that contain other objects.
  */
 #include "render/indirect/internal.h"
 
 #include "scene/mesh/topology.h"
+#include "scene/triangle.h"
 
 #define PACKET 16
 
@@ -193,4 +195,46 @@ enum pell_result indirect_parts_make(struct pell_indirect *in, struct pell_pool 
     pell_free(ctx, a.joined);
     pell_free(ctx, a.hit_part);
     return res;
+}
+
+/* --- Objects inside others ---------------------------------------------------------------------------------------------------- */
+
+/* Whether most of a mesh is inside an object: the rays along its normals hit the inner side of that object first. */
+static bool is_inside(const struct pell_indirect *in, const struct pell_mesh *m, int object)
+{
+    const struct pell_scene *scene = in->p.scene;
+    _Alignas(64) int valid[16];
+    struct pell_ray_hit16 r;
+    int inside = 0, count = 0;
+
+    memset(&r, 0, sizeof(r));
+    for (int i = 0; i < 16; i++) {
+        const uint32_t t = (uint32_t) ((uint64_t) i * m->num_triangles / 16);
+        struct pell_vec3 p[3], n, at;
+        pell_triangle_corners(m, t, p);
+        n = vec3_normalize(pell_triangle_cross(p));
+        at = vec3_mul(vec3_add(p[0], vec3_add(p[1], p[2])), 1.0f / 3.0f);
+        valid[i] = vec3_dot(n, n) > 0.5f ? -1 : 0;
+        count += valid[i] != 0;
+        pell_ray16_set(&r.ray, i, vec3_mad(at, indirect_ray_offset(at, 0.0f), n), n, INFINITY);
+        r.hit.mesh[i] = PELL_NO_HIT;
+    }
+    pell_rays_closest16(in->p.rays, valid, false, &r);
+    for (int i = 0; i < 16; i++)
+        inside += valid[i] && pell_hit16_inside(scene, &r, i, object);
+    return 2 * inside > count;
+}
+
+bool indirect_contains_another(const struct pell_indirect *in, const struct indirect_sample *of)
+{
+    const struct pell_scene *scene = in->p.scene;
+    const int object = pell_mesh_assembly(&scene->meshes[of->mesh]);
+    bool holds = false;
+
+    for (size_t i = 0; i < scene->num_meshes && !holds; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        if (m->num_triangles > 0 && (pell_mesh_assembly(m) != object || in->same[m->material] != of->medium))
+            holds = is_inside(in, m, object);
+    }
+    return holds;
 }

@@ -94,7 +94,10 @@ struct pell_indirect_inside {
     float light[3];   /* radiant exitance that is added, W/m^2, with albedo^m where light entered (with `whole_solid` times `solved`); */
     float tilt[3][3]; /* of the light from the depth, see tilt.c; */
     float deep[3];    /* [0, 1]: fraction that leaves as from thick parts; */
-    float entered[3]; /* without `whole_solid`: irradiance, times albedo^m, that `light` accounts for */
+    union {
+        float entered[3]; /* without `whole_solid`: irradiance, times albedo^m, that `light` accounts for */
+        float thin[3];    /* with it: what is added to the factor 1 - `solved` of the method's result in thin round parts */
+    };
 };
 /* Forward-scattered light at such a point. */
 struct pell_indirect_beam {
@@ -106,8 +109,11 @@ struct pell_indirect_beam {
 };
 /* The same for 16 points. */
 struct pell_indirect_insides {
-    _Alignas(64) float sum_weight[3][16],
-        transmitted[3][16], solved[3][16], gain[3][16], light[3][16], tilt[3][3][16], deep[3][16], entered[3][16], none[2][16];
+    _Alignas(64) float sum_weight[3][16], transmitted[3][16], solved[3][16], gain[3][16], light[3][16], tilt[3][3][16], deep[3][16];
+    union {
+        float entered[3][16], thin[3][16];
+    };
+    float none[2][16];
     float beam[3][16], direction[3][3][16], spacing[16], cosine[3][16];
     bool beams; /* false: the arrays above are not written */
 };

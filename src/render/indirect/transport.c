@@ -43,7 +43,9 @@ struct transport {
     float mix;                               /* as in struct pell_plan */
     struct pell_surface_sample *sample;      /* per sample of the stage; power without the scale for curvature */
     float (*albedo)[3];                      /* per sample: albedo^m */
-    float (*gain)[3], (*crossed)[3];         /* curvature/stage.h */
+    float (*crossed)[3];                     /* curvature/stage.h */
+    struct indirect_round *round;
+    float (*surplus)[3]; /* of round_parts.c */
     bool *lit;
     float (*sum_weight)[3], *thickness; /* per sample; thickness in mm */
     float (*source)[3], (*single)[3]; /* W/m^2 times mm^2: parts of a sample's power that go into the depth, and that are scattered once */
@@ -113,8 +115,9 @@ static void split_source(const struct transport *s, const struct indirect_sample
 static void enter16(const struct transport *s, size_t first, size_t count)
 {
     const struct pell_indirect *in = s->in;
-    float irradiance[3][PACKET], albedo[3][PACKET], gain[3][PACKET], crossed[3][PACKET], shifted[3][PACKET], single[3][PACKET],
-        direction[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET], diffuse[PACKET];
+    float irradiance[3][PACKET], albedo[3][PACKET], gain[3][PACKET], crossed[3][PACKET], uniform[3][PACKET], small[3][PACKET],
+        shifted[3][PACKET], single[3][PACKET], direction[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET],
+        diffuse[PACKET];
     uint32_t mesh[PACKET], triangle[PACKET], seed[PACKET];
     bool valid[PACKET];
     const struct pell_points_params params = {
@@ -125,6 +128,8 @@ static void enter16(const struct transport *s, size_t first, size_t count)
                                             .albedo = { albedo[0], albedo[1], albedo[2] },
                                             .gain = { gain[0], gain[1], gain[2] },
                                             .crossed = { crossed[0], crossed[1], crossed[2] },
+                                            .uniform = { uniform[0], uniform[1], uniform[2] },
+                                            .small = { small[0], small[1], small[2] },
                                             .shifted = { shifted[0], shifted[1], shifted[2] },
                                             .single_surplus = { single[0], single[1], single[2] },
                                             .direction = { direction[0], direction[1], direction[2] },
@@ -159,7 +164,9 @@ static void enter16(const struct transport *s, size_t first, size_t count)
             p->power[c] = irradiance[c][i] * scale;
             p->deep[c] = fmaxf(p->power[c] - single[c][i], 0.0f);
             p->direction[c] = valid[i] ? direction[c][i] : 0.0f;
-            s->gain[first + i][c] = gain[c][i];
+            s->round[first + i].gain[c] = gain[c][i];
+            s->round[first + i].uniform[c] = uniform[c][i];
+            s->round[first + i].weight[c] = sampling_weight(thinness[i], q->spacing) * small[c][i];
             s->crossed[first + i][c] = crossed[c][i];
             s->single[first + i][c] = valid[i] ? single[c][i] : 0.0f;
         }
@@ -288,7 +295,7 @@ static struct pell_surface_sample *scale_by_curvature(const struct transport *s,
     for (size_t i = 0; out && i < s->count; i++) {
         out[i] = s->sample[s->list[i]];
         for (int c = 0; c < 3; c++) {
-            const float gain = s->gain[s->list[i]][c], scale = gain * s->albedo[s->list[i]][c];
+            const float gain = s->round[s->list[i]].gain[c], scale = gain * s->albedo[s->list[i]][c];
             out[i].power[c] = deep ? s->source[s->list[i]][c] * gain : out[i].power[c] * scale;
             out[i].deep[c] *= scale;
         }
@@ -366,48 +373,6 @@ static enum pell_result sum_beams(const struct transport *s, struct pell_pool *p
 
 fail:
     return res;
-}
-
-/* Whether most of a mesh is inside an object: the rays along its normals hit the inner side of that object first. */
-static bool is_inside(const struct pell_indirect *in, const struct pell_mesh *m, int object)
-{
-    const struct pell_scene *scene = in->p.scene;
-    _Alignas(64) int valid[16];
-    struct pell_ray_hit16 r;
-    int inside = 0, count = 0;
-
-    memset(&r, 0, sizeof(r));
-    for (int i = 0; i < 16; i++) {
-        const uint32_t t = (uint32_t) ((uint64_t) i * m->num_triangles / 16);
-        struct pell_vec3 p[3], n, at;
-        pell_triangle_corners(m, t, p);
-        n = vec3_normalize(pell_triangle_cross(p));
-        at = vec3_mul(vec3_add(p[0], vec3_add(p[1], p[2])), 1.0f / 3.0f);
-        valid[i] = vec3_dot(n, n) > 0.5f ? -1 : 0;
-        count += valid[i] != 0;
-        pell_ray16_set(&r.ray, i, vec3_mad(at, indirect_ray_offset(at, 0.0f), n), n, INFINITY);
-        r.hit.mesh[i] = PELL_NO_HIT;
-    }
-    pell_rays_closest16(in->p.rays, valid, false, &r);
-    for (int i = 0; i < 16; i++)
-        inside += valid[i] && pell_hit16_inside(scene, &r, i, object);
-    return 2 * inside > count;
-}
-
-/* Whether a solid contains another object, as flesh contains bones: diffusion is not solved around it, and the methods' own paths end
- * there. */
-static bool contains_another(const struct pell_indirect *in, const struct indirect_sample *of)
-{
-    const struct pell_scene *scene = in->p.scene;
-    const int object = pell_mesh_assembly(&scene->meshes[of->mesh]);
-    bool holds = false;
-
-    for (size_t i = 0; i < scene->num_meshes && !holds; i++) {
-        const struct pell_mesh *m = &scene->meshes[i];
-        if (m->num_triangles > 0 && (pell_mesh_assembly(m) != object || in->same[m->material] != of->medium))
-            holds = is_inside(in, m, object);
-    }
-    return holds;
 }
 
 /* Solves the samples of s->list, which are those of one solid. */
@@ -493,17 +458,24 @@ static enum pell_result list_group(struct transport *s, const struct indirect_sa
     return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
+/* Largest distance between the listed samples, mm. */
+static float max_spacing(const struct transport *s)
+{
+    float spacing = 0.0f;
+
+    for (size_t i = 0; i < s->count; i++)
+        spacing = fmaxf(spacing, s->in->samples[s->list[i]].spacing);
+    return spacing;
+}
+
 static enum pell_result make_whole(const struct transport *s, const struct pell_indirect_solid *as, struct profile_sum **out)
 {
     const struct pell_indirect *in = s->in;
     struct pell_surface_sample *samples = scale_by_curvature(s, false);
-    float spacing = 0.0f;
 
     *out = samples ? pell_calloc(in->ctx, 1, sizeof(**out)) : NULL;
-    for (size_t i = 0; i < s->count; i++)
-        spacing = fmaxf(spacing, in->samples[s->list[i]].spacing);
     if (*out)
-        return indirect_profile_sum_make(in->ctx, samples, s->count, spacing, as->profile, &as->opposed, *out);
+        return indirect_profile_sum_make(in->ctx, samples, s->count, max_spacing(s), as->profile, &as->opposed, *out);
     pell_free(in->ctx, samples);
     return PELL_ERR_NOMEM;
 }
@@ -519,10 +491,13 @@ static enum pell_result solve_group(struct transport *s, struct pell_pool *pool,
 
     PELL_TRY(list_group(s, of, list));
     count = s->count;
-    if (contains_another(in, of))
+    if (indirect_contains_another(in, of))
         return PELL_OK;
-    if (s->solid[of->medium].whole_solid)
+    if (s->solid[of->medium].whole_solid) {
+        const struct indirect_round_parts parts = { s->sample, s->round, s->list, s->count, max_spacing(s), s->surplus };
         PELL_TRY(make_whole(s, &s->solid[of->medium], &profile_sum));
+        PELL_TRY(indirect_round_parts_scale(in->ctx, pool, &s->solid[of->medium], &parts));
+    }
     for (size_t i = 0, end; i < count; i = end) {
         for (end = i + 1; end < count && (!in->part || in->part[list[end]] == in->part[list[i]]); end++)
             ;
@@ -563,7 +538,10 @@ static void blend(const struct transport *s, uint32_t sample, float weight, stru
             to->deep[c] += weight * (1.0f + from->solved[c] * (from->deep[c] - 1.0f)) *
                            fminf(PASSED_FRACTION * s->thickness[sample] / opposed->depth[c], 1.0f);
         to->solved[c] += solved;
-        to->entered[c] += weight * from->entered[c];
+        if (whole_solid)
+            to->thin[c] += weight * (1.0f - from->solved[c]) * s->surplus[sample][c];
+        else
+            to->entered[c] += weight * from->entered[c];
         to->gain[c] += solved * from->gain[c];
         to->light[c] += (whole_solid ? solved : weight) * from->light[c];
     }
@@ -659,8 +637,9 @@ enum pell_result pell_indirect_solve_solids(struct pell_indirect *in, struct pel
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
     s.albedo = pell_alloc_array(in->ctx, n, sizeof(*s.albedo));
-    s.gain = pell_alloc_array(in->ctx, n, sizeof(*s.gain));
+    s.round = pell_alloc_array(in->ctx, n, sizeof(*s.round));
     s.crossed = pell_alloc_array(in->ctx, n, sizeof(*s.crossed));
+    s.surplus = pell_calloc(in->ctx, n, sizeof(*s.surplus));
     s.source = pell_alloc_array(in->ctx, n, sizeof(*s.source));
     s.single = pell_alloc_array(in->ctx, n, sizeof(*s.single));
     s.diffuse = pell_alloc_array(in->ctx, n, sizeof(*s.diffuse));
@@ -668,8 +647,8 @@ enum pell_result pell_indirect_solve_solids(struct pell_indirect *in, struct pel
     s.sum_weight = pell_calloc(in->ctx, n, sizeof(*s.sum_weight));
     s.thickness = pell_calloc(in->ctx, n, sizeof(*s.thickness));
     s.light = pell_calloc(in->ctx, n, sizeof(*s.light));
-    if (!list || !s.sample || !s.albedo || !s.gain || !s.crossed || !s.source || !s.single || !s.diffuse || !s.lit || !s.sum_weight ||
-        !s.thickness || !s.light)
+    if (!list || !s.sample || !s.albedo || !s.round || !s.crossed || !s.source || !s.single || !s.diffuse || !s.lit || !s.sum_weight ||
+        !s.thickness || !s.light || !s.surplus)
         goto fail;
     PELL_TRY(create_beams(&s));
     memset(in->gathered, 0, n * sizeof(*in->gathered));
@@ -684,7 +663,8 @@ fail:
     pell_free(in->ctx, list);
     pell_free(in->ctx, s.sample);
     pell_free(in->ctx, s.albedo);
-    pell_free(in->ctx, s.gain);
+    pell_free(in->ctx, s.round);
+    pell_free(in->ctx, s.surplus);
     pell_free(in->ctx, s.crossed);
     pell_free(in->ctx, s.source);
     pell_free(in->ctx, s.single);

@@ -83,7 +83,7 @@ static void apply_solids(const struct pell_irradiance_params *p, const struct pe
         memcpy(in->sum_weight[c], q->sum_weight[c], sizeof(in->sum_weight[c]));
     }
     memset(in->beam, 0, sizeof(in->beam));
-    if (!pell_irradiance_requests_indirect(p)) /* subtracted once */
+    if (p->whole_solid || !pell_irradiance_requests_indirect(p)) /* subtracted once */
         memset(in->entered, 0, sizeof(in->entered));
     if (entering_only) {
         memset(in->transmitted, 0, sizeof(in->transmitted));

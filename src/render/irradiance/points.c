@@ -114,6 +114,10 @@ static void write_gains(const struct pell_irradiance_params *params, const struc
             out->gain[c][first + i] = active[i] ? pell_irradiance_gain(params, &e)[c][i] : 1.0f;
             if (out->crossed[c])
                 out->crossed[c][first + i] = active[i] ? e.crossed[c][i] : 1.0f;
+            if (out->uniform[c]) {
+                out->uniform[c][first + i] = active[i] ? e.uniform[c][i] : 1.0f;
+                out->small[c][first + i] = active[i] ? (1.0f - e.flat[i]) * e.small[c][i] : 0.0f;
+            }
             if (out->transmission[c] && active[i] && what->local) { /* light that is transmitted by a round part leaves all around it */
                 out->transmission[c][first + i] += e.sheet[c][i];
                 out->gain[c][first + i] += e.round[c][i];
