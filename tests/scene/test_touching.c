@@ -88,6 +88,53 @@ static void boxes_that_meet_are_not_contact(void **state)
     assert_int_equal(assemblies_when_complete(&p), 1);
 }
 
+/* A cube of 10 mm, and a box of another medium that touches its face x = 10 mm: how far the box reaches into the cube. */
+static float reach_into_cube(struct pell_vec3 lo, struct pell_vec3 hi, bool same, bool opaque, int file, int completions)
+{
+    struct pair p;
+    float low = INFINITY, high = -INFINITY;
+
+    start(&p);
+    box(&p, 0, vec3(0, 0, 0), vec3(10, 10, 10));
+    box(&p, shapes_material(p.scene, opaque), lo, hi);
+    if (!same)
+        p.scene->materials[1].medium.sigma_a[0] *= 1.5;
+    p.scene->meshes[0].file = 1;
+    p.scene->meshes[1].file = file;
+    for (int i = 0; i < completions; i++)
+        assert_int_equal(pell_scene_complete(p.scene, NULL), PELL_OK);
+    for (int i = 0; i < 2; i++)
+        for (uint32_t k = 0; k < p.scene->meshes[i].num_vertices; k++) {
+            const float *at = p.scene->meshes[i].position + 3 * (size_t) k;
+            if (i == 0)
+                REQUIRE((at[0] == 0.0f || at[0] == 10.0f) && (at[1] == 0.0f || at[1] == 10.0f));
+            else
+                REQUIRE((at[1] == lo.y || at[1] == hi.y) && (at[2] == lo.z || at[2] == hi.z) && (at[0] == hi.x || at[0] < lo.x + 1e-6f));
+            low = i == 1 ? fminf(low, at[0]) : low;
+            high = i == 0 ? fmaxf(high, at[0]) : high;
+        }
+    pell_scene_destroy(&p.scene);
+    pell_context_destroy(&p.ctx);
+    return high - low;
+}
+
+/* The faces of a glass and of the drink in it. */
+static void different_media_overlap_where_their_faces_coincide(void **state)
+{
+    const struct pell_vec3 lo = vec3(10, 4, 4), hi = vec3(20, 6, 6);
+    float reach;
+
+    (void) state;
+    reach = reach_into_cube(lo, hi, false, false, 1, 1);
+    REQUIRE(reach > 5e-4f && reach < 3e-3f);
+    REQUIRE(reach_into_cube(lo, hi, false, false, 2, 1) == reach); /* two files */
+    REQUIRE(reach_into_cube(lo, hi, false, false, 1, 3) == reach);
+    REQUIRE(reach_into_cube(lo, hi, true, false, 1, 1) == 0.0f);
+    REQUIRE(reach_into_cube(lo, hi, false, true, 1, 1) == 0.0f);
+    REQUIRE(reach_into_cube(lo, hi, false, false, 0, 1) == 0.0f); /* a program's own mesh stays as it is */
+    REQUIRE(reach_into_cube(vec3(10.01f, 4, 4), hi, false, false, 1, 1) < 0.0f);
+}
+
 static void only_equal_media_are_joined(void **state)
 {
     struct pair p;
@@ -282,6 +329,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(closed_objects_are_joined_where_they_touch),
         cmocka_unit_test(boxes_that_meet_are_not_contact),
+        cmocka_unit_test(different_media_overlap_where_their_faces_coincide),
         cmocka_unit_test(only_equal_media_are_joined),
         cmocka_unit_test(pieces_of_a_closed_surface_are_joined),
         cmocka_unit_test(an_open_object_is_not_joined_to_a_closed_one),

@@ -3,6 +3,9 @@
  * touching.c - joins the objects of a mesh file that touch and scatter alike: light crosses between them as it does inside one solid. Two
  * closed objects are joined where their surfaces touch or intersect, open ones where they are the pieces of a closed surface. Objects that
  * a scene file or a program puts next to each other stay apart.
+ *
+ * Where faces of closed objects of different media coincide, as those of a glass and the drink in it, rays would meet either of them. There
+ * the smaller object is extended a little into the other one: of solids that overlap, the one that a ray entered last is its medium.
  */
 #include "scene/mesh/touching.h"
 #include "math/near.h"
@@ -13,6 +16,7 @@
 
 #define GAP 1e-5       /* of the smaller object's extent: surfaces this near touch */
 #define ROUNDING 4e-7  /* of the largest coordinate */
+#define OVERLAP 10.0   /* in gaps: how far objects whose faces coincide overlap */
 #define STEPS_MOST 2e8 /* tests of triangles and boxes, about a second; objects that are left after that stay apart */
 
 struct object {
@@ -40,6 +44,7 @@ struct search {
     uint32_t *set;            /* per object: union-find parent */
     struct triangles near[2]; /* of two objects, near the other one */
     double steps;
+    size_t extended; /* number of objects */
 };
 
 static double extent(const struct object *o)
@@ -150,6 +155,150 @@ fail:
     return res;
 }
 
+/* --- Objects of different media ------------------------------------------------------------------------------------------------------ */
+
+/* Whether a point is within `gap` of a triangle of the list, which is sorted along x; `longest`: of its triangles, along x. */
+static bool is_near(struct search *s, struct pell_dvec3 p, const struct triangles *list, double longest, double gap)
+{
+    size_t low = 0, high = list->count;
+
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (list->at[middle].lo.x < p.x - longest - gap)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    for (; low < list->count && list->at[low].lo.x <= p.x + gap; low++) {
+        const struct triangle *t = &list->at[low];
+        double u, v;
+        s->steps++;
+        if (boxes_meet(p, p, t->lo, t->hi, gap) &&
+            pell_triangle_distance2(dvec3_sub(p, t->corner[0]), dvec3_sub(t->corner[1], t->corner[0]),
+                                    dvec3_sub(t->corner[2], t->corner[0]), &u, &v) <= gap * gap)
+            return true;
+    }
+    return false;
+}
+
+/* Marks the triangles of a mesh that lie on those of s->near[0]; returns whether there are any. */
+static bool mark_coinciding(struct search *s, const struct pell_mesh *mesh, double gap, bool *marks)
+{
+    struct triangles *list = &s->near[0];
+    double longest = 0.0;
+    bool any = false;
+
+    qsort(list->at, list->count, sizeof(*list->at), compare_starts);
+    for (size_t k = 0; k < list->count; k++)
+        longest = fmax(longest, list->at[k].hi.x - list->at[k].lo.x);
+    for (uint32_t i = 0; i < mesh->num_triangles && s->steps < STEPS_MOST && !pell_cancelled_at(s->scene->ctx, i); i++) {
+        const uint32_t *index = mesh->index + 3 * (size_t) i;
+        struct pell_dvec3 middle = { 0.0, 0.0, 0.0 };
+        bool on = true;
+        for (int k = 0; k < 3 && on; k++) {
+            const struct pell_dvec3 p = dvec3_load(mesh->position + 3 * (size_t) index[k]);
+            middle = dvec3_mad(middle, 1.0 / 3.0, p);
+            on = is_near(s, p, list, longest, gap);
+        }
+        if (on && is_near(s, middle, list, longest, gap))
+            marks[i] = any = true;
+    }
+    return any;
+}
+
+static double corner_angle(const struct pell_dvec3 p[3], int k)
+{
+    const struct pell_dvec3 a = dvec3_sub(p[(k + 1) % 3], p[k]), b = dvec3_sub(p[(k + 2) % 3], p[k]), n = dvec3_cross(a, b);
+
+    return atan2(sqrt(dvec3_dot(n, n)), dvec3_dot(a, b));
+}
+
+/* Adds the normal of a triangle to those of its corners' positions. */
+static void add_normal(const struct pell_topology *t, const struct pell_mesh *mesh, uint32_t triangle, uint32_t all,
+                       struct pell_dvec3 *normal)
+{
+    const struct pell_dvec3 n = dvec3_normalize(dvec3_load(t->face + 3 * (size_t) all));
+    struct pell_dvec3 p[3];
+
+    for (int k = 0; k < 3; k++)
+        p[k] = dvec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) triangle + (size_t) k]);
+    for (int k = 0; k < 3; k++) {
+        struct pell_dvec3 *sum = &normal[t->corner[3 * all + (uint32_t) k]];
+        *sum = dvec3_mad(*sum, corner_angle(p, k), n);
+    }
+}
+
+/* Moves the marked ones of a closed object's triangles outwards, with all vertices in the places of their corners. */
+static enum pell_result extend(const struct search *s, const struct object *o, const bool *marks, double distance)
+{
+    struct pell_scene *scene = s->scene;
+    struct pell_topology t;
+    struct pell_dvec3 *normal;
+    enum pell_result res = pell_topology_make(&t, scene, o->meshes, o->count);
+
+    if (res != PELL_OK)
+        return res;
+    normal = pell_calloc(scene->ctx, t.num_positions, sizeof(*normal));
+    for (size_t m = 0; normal && m < o->count; m++)
+        for (uint32_t i = t.first_triangle[m]; i < t.first_triangle[m + 1]; i++)
+            if (marks[i])
+                add_normal(&t, &scene->meshes[o->meshes[m]], i - t.first_triangle[m], i, normal);
+    for (size_t m = 0; normal && m < o->count; m++)
+        for (uint32_t i = t.first_vertex[m]; i < t.first_vertex[m + 1]; i++) {
+            float *at = scene->meshes[o->meshes[m]].position + 3 * (size_t) (i - t.first_vertex[m]);
+            const struct pell_dvec3 n = normal[t.weld[i]];
+            if (dvec3_dot(n, n) > 0.0)
+                vec3_store(dvec3_narrow(dvec3_mad(dvec3_load(at), distance, dvec3_normalize(n))), at);
+        }
+    res = normal ? PELL_OK : PELL_ERR_NOMEM;
+    pell_free(scene->ctx, normal);
+    pell_topology_finish(&t);
+    return res;
+}
+
+/* Extends an object where its faces coincide with those of other media in another one; *any: they do. */
+static enum pell_result extend_into(struct search *s, const struct object *o, const struct object *other, double gap, bool *any)
+{
+    const struct pell_scene *scene = s->scene;
+    size_t triangles = 0, first = 0;
+    bool *marks;
+    enum pell_result res = PELL_OK;
+
+    *any = false;
+    for (size_t i = 0; i < o->count; i++)
+        triangles += scene->meshes[o->meshes[i]].num_triangles;
+    marks = pell_calloc(scene->ctx, triangles, sizeof(*marks));
+    if (!marks)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < o->count; first += scene->meshes[o->meshes[i++]].num_triangles)
+        for (size_t k = 0; k < other->count && s->steps < STEPS_MOST; k++) {
+            const struct pell_mesh *m = &scene->meshes[o->meshes[i]], *n = &scene->meshes[other->meshes[k]];
+            if (!is_translucent(scene, m) || !is_translucent(scene, n) || s->same[m->material] == s->same[n->material])
+                continue;
+            PELL_TRY(list_near(s, n, o, gap, &s->near[0]));
+            *any |= s->near[0].count > 0 && mark_coinciding(s, m, gap, marks + first);
+        }
+    if (*any)
+        res = extend(s, o, marks, OVERLAP * gap);
+
+fail:
+    pell_free(scene->ctx, marks);
+    return res;
+}
+
+/* The smaller object has its vertices on the larger one, in most cases. */
+static enum pell_result overlap(struct search *s, const struct object *a, const struct object *b, double gap)
+{
+    const bool a_first = extent(a) < extent(b);
+    bool any;
+    enum pell_result res = extend_into(s, a_first ? a : b, a_first ? b : a, gap, &any);
+
+    if (res == PELL_OK && !any)
+        res = extend_into(s, a_first ? b : a, a_first ? a : b, gap, &any);
+    s->extended += res == PELL_OK && any;
+    return res;
+}
+
 /* --- All objects ------------------------------------------------------------------------------------------------------------------ */
 
 /* Also orients the surface: where two closed objects share edges, the parts of their union could not be told apart. */
@@ -225,12 +374,15 @@ static enum pell_result join_touching(struct search *s)
             bool touch;
             if (b->lo.x > a->hi.x + gap)
                 break;
-            if (a->file != b->file || !boxes_meet(a->lo, a->hi, b->lo, b->hi, gap) || coincide(a, b) ||
-                pell_union_root(s->set, i) == pell_union_root(s->set, k))
+            if (!boxes_meet(a->lo, a->hi, b->lo, b->hi, gap) || coincide(a, b) || pell_union_root(s->set, i) == pell_union_root(s->set, k))
                 continue;
             PELL_TRY(find_boundary(s, a));
             PELL_TRY(find_boundary(s, b));
             if (a->boundary != b->boundary)
+                continue;
+            if (a->boundary == CLOSED)
+                PELL_TRY(overlap(s, a, b, gap));
+            if (a->file != b->file)
                 continue;
             PELL_TRY(objects_touch(s, a, b, gap, &touch));
             if (touch)
@@ -321,6 +473,9 @@ enum pell_result pell_join_touching(struct pell_scene *scene, bool quiet)
     if (assemblies > 0 && !quiet)
         pell_info(ctx, scene->path, "%zu objects touch others of the same medium: they are rendered as %s", joined,
                   pell_counted((long long) assemblies, "solid", "solids").str);
+    if (s.extended > 0 && !quiet)
+        pell_info(ctx, scene->path, "faces of %s coincide with those of another medium: there the solids overlap a little now",
+                  pell_counted((long long) s.extended, "object", "objects").str);
     if (s.steps >= STEPS_MOST && !quiet)
         pell_info(ctx, scene->path, "too many objects are near each other to find all that touch");
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
