@@ -27,15 +27,15 @@ help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
 
 demo: build ## sets up, builds, renders the example scenes and says where the images are
-	@scripts/demo.sh
+	@scripts/demo.sh "$(BUILD)"
 
 build: ## sets up and builds ./pellucid
 	@scripts/setup.sh
-	@scripts/build.sh $(BUILD) --prefix $(PREFIX)
-	@scripts/link_program.sh $(BUILD)
+	@scripts/build.sh "$(BUILD)" --prefix "$(PREFIX)"
+	@scripts/link_program.sh "$(BUILD)"
 
 test: build ## sets up, builds, runs every test
-	@scripts/run_tests.py $(BUILD) test
+	@scripts/run_tests.py "$(BUILD)" test
 
 # Not the suite "accuracy" under the sanitizers: numbers of long renderings by code that other tests run through, too.
 test-asan: ## tests of code under the address and undefined-behaviour sanitizers
@@ -50,7 +50,7 @@ test-tsan: ## the tests that start threads, under the thread sanitizer
 	@$(sanitized) scripts/run_tests.py build-tsan test-tsan --timeout-multiplier 6 --suite threads --no-suite accuracy
 
 shaders: ## the methods' compute shaders as SPIR-V, HLSL and MSL, in build/shaders (needs spirv-cross)
-	@scripts/export_shaders.py $(BUILD)/shaders
+	@scripts/export_shaders.py "$(BUILD)/shaders"
 
 test-mpi: ## pellucid-mpi under mpirun: the same bits on any number of ranks, killed and resumed
 	@scripts/setup.sh --ci
@@ -65,7 +65,7 @@ fuzz-short: ## each fuzz target for some seconds (FUZZ_SECONDS=60 in all)
 
 # SOAK_SEED=N repeats a run. A day: make soak SOAK_HOURS=24
 soak: build ## hours of damaged files, random scenes, too little memory and kills (SOAK_HOURS=2)
-	@scripts/soak.py $(BUILD)/src/cli/pellucid --hours $(SOAK_HOURS) $(if $(SOAK_SEED),--seed $(SOAK_SEED))
+	@scripts/soak.py "$(BUILD)/src/cli/pellucid" --hours $(SOAK_HOURS) $(if $(SOAK_SEED),--seed $(SOAK_SEED))
 
 # Without assertions, as a release is; the build under the sanitizers has them. Clang's warnings do not depend on the optimisation level.
 check-clang: ## builds everything with clang, warnings are errors
@@ -73,13 +73,13 @@ check-clang: ## builds everything with clang, warnings are errors
 	@CC=clang scripts/build.sh build-clang --buildtype=plain -Db_ndebug=true -Dsimd=base -Dwerror=true
 
 install: ## builds, installs program, library and headers
-	@if [ -f $(BUILD)/build.ninja ]; then meson configure $(BUILD) --prefix $(PREFIX); fi
+	@if [ -f "$(BUILD)/build.ninja" ]; then meson configure "$(BUILD)" --prefix "$(PREFIX)"; fi
 	@$(MAKE) --no-print-directory build
-	@meson install -C $(BUILD) --no-rebuild $(if $(DESTDIR),--destdir $(DESTDIR))
-	@scripts/installed.py remember $(BUILD)/meson-logs/install-log.txt $(BUILD)/installed.txt
+	@meson install -C "$(BUILD)" --no-rebuild $(if $(DESTDIR),--destdir "$(DESTDIR)")
+	@scripts/installed.py remember "$(BUILD)/meson-logs/install-log.txt" "$(BUILD)/installed.txt"
 
 uninstall: ## removes all that `make install` has put anywhere from this build
-	@scripts/installed.py remove $(BUILD)/installed.txt
+	@scripts/installed.py remove "$(BUILD)/installed.txt"
 
 deb: ## Debian packages in build-deb/, checked by lintian
 	@scripts/setup.sh --deb

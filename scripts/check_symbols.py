@@ -55,6 +55,17 @@ def rule_declared(build):
     return [f"{name} is declared, but not there" for name in sorted(declared - exported)]
 
 
+def rule_packaged(build):
+    """the symbols file of the Debian package lists what the shared library exports"""
+    found, listed = shared_library(build), ROOT / "debian" / "libpellucid0.symbols"
+    if not found or not listed.exists():
+        return None
+    packaged = set(re.findall(r"^ (\w+)@", listed.read_text("utf-8"), re.MULTILINE))
+    exported = {name for path in found for _, name, _, _ in symbols(path, "-D", "--extern-only") if name.startswith("pell_")}
+    return [*(f"{listed.name} lacks {name}" for name in sorted(exported - packaged)),
+            *(f"{listed.name} has {name}, which is not exported" for name in sorted(packaged - exported))]
+
+
 def rule_constant(build):
     """the library has no variables: what is not on a stack or in an object is constant"""
     archives = sorted((build / "src").rglob("libpell_*.a")) if (build / "src").is_dir() else []
@@ -97,7 +108,7 @@ def rule_methods(build):
 
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-RULES = [rule_exports, rule_declared, rule_constant, rule_methods]
+RULES = [rule_exports, rule_declared, rule_packaged, rule_constant, rule_methods]
 
 
 def report(results):
@@ -135,6 +146,7 @@ FAULTS = [
     (rule_declared, "PELL_API int pell_forgotten(void);"),
     (rule_declared, "PELL_API extern const int pell_forgotten[];"),
     (rule_exports, '__attribute__((visibility("default"))) int one_helper(void); int one_helper(void) { return 1; }'),
+    (rule_packaged, '__attribute__((visibility("default"))) int pell_one_added(void); int pell_one_added(void) { return 1; }'),
     (rule_constant, "int one_g(void); int one_g(void) { static int calls; return ++calls; }"),
     (rule_constant, "static int level = 3; int one_g(int x); int one_g(int x) { return level += x; }"),
     (rule_constant, "static _Thread_local int level = 3; int one_g(int x); int one_g(int x) { return level += x; }"),
@@ -149,6 +161,9 @@ def build_fault(folder, code):
     parts.mkdir(parents=True)
     (folder / "src" / "methods" / "one").mkdir(parents=True)
     (folder / "include").mkdir()
+    (folder / "debian").mkdir()
+    listed = "libone.so.0 libone0 #MINVER#\n pell_find@Base 0.1.0\n pell_names@Base 0.1.0\n"
+    (folder / "debian" / "libpellucid0.symbols").write_text(listed, "utf-8")
     header, source = folder / "include" / "one.h", folder / "src" / "methods" / "one" / "one.c"
     header.write_text("".join(line + "\n" for line in code.splitlines() if "PELL_API" in line or "int n);" in line), "utf-8")
     source.write_text(code, "utf-8")

@@ -1,11 +1,12 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# Renders the example scenes with ./pellucid, each next to the same without scattering, and writes a page that shows them.
+# demo.sh [BUILD]: renders the example scenes of a build folder (build) with ./pellucid, each next to the same without scattering, and
+# writes a page that shows them.
 set -eu
 cd "$(dirname "$0")/.."
 
 out=out/demo
-examples=build/examples
+examples=${1-build}/examples
 bunny=/usr/share/glmark2/models/bunny.obj
 page=$out/index.html
 mkdir -p "$out"

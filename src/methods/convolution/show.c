@@ -48,7 +48,7 @@ enum pell_result convolution_show_end(struct convolution_state *st)
 
     for (int k = 0; k < 2 * lay->planes && st->shown && res == PELL_OK; k++) {
         const int plane = k / 2, after = k % 2;
-        char name[64], of_group[24] = "", of_level[24] = "";
+        char name[96], of_group[24] = "", of_level[24] = "";
         struct pell_intermediate image = { .name = name,
                                            .unit = "W/m^2",
                                            .what = what[after],
