@@ -5,7 +5,8 @@
  * Units      everywhere lengths mm, coefficients 1/mm, angles in radians unless a name ends in _deg, colour linear Rec.709
  *            (channel 0, 1, 2 = R, G, B), irradiance and radiant exitance W/m^2, radiance W/(m^2 sr).
  * Ownership  returned strings are constant.
- * Errors     enum pell_result, below.
+ * Errors     enum pell_result, below. In all headers, functions that return it refuse NULL (PELL_ERR_INVALID) for a pointer whose comment
+ *            doesn't allow it; an array of no elements may be NULL. Other functions trust their pointers.
  * Threads    all functions are pure and safe.
  */
 #ifndef PELLUCID_COMMON_H

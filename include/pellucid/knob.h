@@ -50,7 +50,8 @@ PELL_API const struct pell_knob *pell_knob_find(const struct pell_knob *knobs, c
 
 /* Parses `text` and writes it into `values`. On failure `values` is untouched and a message with the value, the range allowed and
  * (for an unknown name) the nearest known name is logged; `owner` names the table in it ("method screen-space"); `where` names the origin
- * of the text ("--set", "scene.json:/render/knobs/lod"). PELL_ERR_INVALID. */
+ * of the text ("--set", "scene.json:/render/knobs/lod"). Here and below `ctx` (no messages) and `where` may be NULL, and `values`
+ * where the table is empty. PELL_ERR_INVALID. */
 PELL_API PELL_NODISCARD enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                        const char *where, void *values, const char *name, const char *text);
 

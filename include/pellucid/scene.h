@@ -248,12 +248,13 @@ struct pell_load_params {
 };
 
 /* Reads .gltf, .glb, .obj, .ply, .stl or a scene .json (distinguished by content where possible), and completes it: normals, tangents
- * where maps need them, default lights, camera and material. Without a unit OBJ, PLY and STL are refused (PELL_ERR_INVALID). */
+ * where maps need them, default lights, camera and material. `params` may be NULL: zeros. Without a unit OBJ, PLY and STL are refused
+ * (PELL_ERR_INVALID). */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params,
                                                          struct pell_scene **out);
 
 /* Reads a scene from memory: `path` is the name in messages, and other files are looked up in its folder ("/models/made.json": /models).
- * The bytes are borrowed for the call. */
+ * The bytes are borrowed for the call; `params` may be NULL. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_load_memory(struct pell_context *ctx, const char *path, const void *data, size_t size,
                                                                 const struct pell_load_params *params, struct pell_scene **out);
 
@@ -337,7 +338,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_material_allocate_layers(struct pe
 PELL_API PELL_NODISCARD enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t material);
 
 /* Computes bounds and missing normals (area- and angle-weighted) and tangents, checks every index and value. Call once after
- * building, before rendering. */
+ * building, before rendering. `params` may be NULL: zeros. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params);
 
 /* A 64-bit hash of the content, independent of the location of files: of meshes, textures, materials, lights, background and camera; or of

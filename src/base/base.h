@@ -29,6 +29,8 @@
 /* Logs an error and returns `code`. `where` and `hint` may be NULL. */
 enum pell_result pell_error(struct pell_context *ctx, enum pell_result code, const char *where, const char *hint, const char *fmt, ...)
     PELL_PRINTF(5, 6);
+/* Logs that a public function was given NULL where it must not be, and returns PELL_ERR_INVALID. `ctx` may be NULL, too: no message. */
+enum pell_result pell_null(struct pell_context *ctx, const char *function);
 /* The hint of an error over a limit of pell_limit_knobs, by its name (a string literal). */
 #define PELL_RAISE_LIMIT(name) "raise the limit: --limit " name "=N"
 void pell_warn(struct pell_context *ctx, const char *where, const char *hint, const char *fmt, ...) PELL_PRINTF(4, 5);

@@ -78,6 +78,9 @@ static enum pell_result other_version(int headers, const struct pell_context_par
 
 enum pell_result pell_context_create_for(int headers, const struct pell_context_params *params, struct pell_context **out)
 {
+    if (!out)
+        return PELL_ERR_INVALID;
+
     static const struct pell_context_params none;
     struct pell_allocator allocator = { libc_alloc, libc_free, NULL };
     struct pell_context *ctx;

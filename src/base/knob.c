@@ -188,6 +188,9 @@ static enum pell_result bad_flag(struct pell_context *ctx, const struct pell_kno
 enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner, const char *where, void *values,
                                const char *name, const char *text)
 {
+    if (!knobs || !owner || (!values && knobs->type) || !name || !text)
+        return pell_null(ctx, "pell_knob_set");
+
     const struct pell_knob *knob = pell_knob_find(knobs, name);
     double number, rgb[3];
     int64_t whole;
@@ -247,6 +250,9 @@ static int count_choices(const struct pell_knob *knob)
 enum pell_result pell_knob_set_number(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner, const char *where,
                                       void *values, const char *name, double number)
 {
+    if (!knobs || !owner || (!values && knobs->type) || !name)
+        return pell_null(ctx, "pell_knob_set_number");
+
     const struct pell_knob *knob = pell_knob_find(knobs, name);
     const bool whole = fabs(number) <= INT53 && number == floor(number);
     char text[40];
@@ -278,6 +284,9 @@ enum pell_result pell_knob_set_number(struct pell_context *ctx, const struct pel
 enum pell_result pell_knob_set_rgb(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner, const char *where,
                                    void *values, const char *name, const double rgb[3])
 {
+    if (!knobs || !owner || (!values && knobs->type) || !name || !rgb)
+        return pell_null(ctx, "pell_knob_set_rgb");
+
     const struct pell_knob *knob = pell_knob_find(knobs, name);
     char part[3][40], text[128];
 
@@ -319,6 +328,9 @@ static bool value_valid(const struct pell_knob *knob, const void *values)
 
 enum pell_result pell_knobs_check(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner, const void *values)
 {
+    if (!knobs || !owner || (!values && knobs->type))
+        return pell_null(ctx, "pell_knobs_check");
+
     for (const struct pell_knob *k = knobs; k->type; k++) {
         char text[SHOWN];
 

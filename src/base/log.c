@@ -60,6 +60,11 @@ enum pell_result pell_error(struct pell_context *ctx, enum pell_result code, con
     return code;
 }
 
+enum pell_result pell_null(struct pell_context *ctx, const char *function)
+{
+    return pell_error(ctx, PELL_ERR_INVALID, function, NULL, "an argument is NULL, but must not be");
+}
+
 void pell_warn(struct pell_context *ctx, const char *where, const char *hint, const char *fmt, ...)
 {
     va_list args;

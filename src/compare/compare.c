@@ -617,6 +617,9 @@ fail:
 enum pell_result pell_compare(struct pell_context *ctx, const struct pell_compare_input *input, const struct pell_compare_params *params,
                               struct pell_comparison *out)
 {
+    if (!ctx || !input || !out)
+        return pell_null(ctx, "pell_compare");
+
     return pell_compare_by_rows(ctx, input, NULL, params, out);
 }
 

@@ -209,6 +209,9 @@ fail:
 
 enum pell_result pell_exr_read(struct pell_context *ctx, const char *path, struct pell_layers *layers)
 {
+    if (!ctx || !path || !layers)
+        return pell_null(ctx, "pell_exr_read");
+
     struct pell_file file;
     enum pell_result res;
 

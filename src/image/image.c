@@ -137,6 +137,9 @@ void pell_image_convert(const struct pell_image *layout, const void *in, float *
 
 enum pell_result pell_image_to_float(struct pell_context *ctx, struct pell_image *image)
 {
+    if (!ctx || !image)
+        return pell_null(ctx, "pell_image_to_float");
+
     const size_t count = (size_t) image->width * (size_t) image->height * (size_t) image->channels;
     float *out;
 

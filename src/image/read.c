@@ -79,6 +79,9 @@ static enum pell_result refuse(struct pell_context *ctx, const char *name, const
 enum pell_result pell_image_decode(struct pell_context *ctx, const char *name, const void *data, size_t size, enum pell_image_role role,
                                    struct pell_image *image)
 {
+    if (!ctx || !name || (!data && size) || !image)
+        return pell_null(ctx, "pell_image_decode");
+
     const struct pell_source src = { .name = name, .data = data, .size = size, .role = role };
     const struct format *f;
     enum pell_result res;
@@ -103,6 +106,9 @@ enum pell_result pell_image_decode(struct pell_context *ctx, const char *name, c
 
 enum pell_result pell_image_read(struct pell_context *ctx, const char *path, enum pell_image_role role, struct pell_image *image)
 {
+    if (!ctx || !path || !image)
+        return pell_null(ctx, "pell_image_read");
+
     enum pell_result res;
     uint8_t *data = NULL;
     size_t size = 0;

@@ -67,6 +67,9 @@ static enum pell_result find_format(struct pell_context *ctx, const char *path, 
 
 enum pell_result pell_image_write(struct pell_context *ctx, const char *path, const char *format, const struct pell_write_params *params)
 {
+    if (!ctx || !path || !params)
+        return pell_null(ctx, "pell_image_write");
+
     struct pell_writer w = { .ctx = ctx, .name = path, .params = params };
     enum pell_result res;
     size_t index = 0;

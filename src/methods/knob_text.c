@@ -38,6 +38,11 @@ static bool next_setting(struct pell_context *ctx, char **text, struct pell_sett
 
 enum pell_result pell_method_knobs_create(struct pell_context *ctx, const struct pell_method *method, const char *text, void **out)
 {
+    if (out)
+        *out = NULL;
+    if (!ctx || !method || !out)
+        return pell_null(ctx, "pell_method_knobs_create");
+
     struct pell_setting *settings = NULL;
     char *copy = NULL, *rest;
     size_t most = 0, count = 0;
@@ -85,6 +90,9 @@ static enum pell_result check_single(struct pell_context *ctx, const struct pell
 enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const struct pell_method *method, void *knobs, const char *name,
                                             const char *text)
 {
+    if (!ctx || !method || !knobs || !name || !text)
+        return pell_null(ctx, "pell_method_knobs_set_text");
+
     char owner[SHOWN];
     const enum pell_result res = check_single(ctx, method, name, owner);
 
@@ -94,6 +102,9 @@ enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const stru
 enum pell_result pell_method_knobs_set_number(struct pell_context *ctx, const struct pell_method *method, void *knobs, const char *name,
                                               double number)
 {
+    if (!ctx || !method || !knobs || !name)
+        return pell_null(ctx, "pell_method_knobs_set_number");
+
     char owner[SHOWN];
     const enum pell_result res = check_single(ctx, method, name, owner);
 

@@ -91,6 +91,9 @@ static void report_missing_uv(const struct pell_scene *scene, struct warnings *w
 
 enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const struct pell_settings *settings)
 {
+    if (!r || !settings)
+        return pell_null(r ? r->ctx : NULL, "pell_renderer_check_assumptions");
+
     const struct pell_scene *scene = r->scene;
     struct pell_context *ctx = r->ctx;
     static const char *const kinds[KINDS] = { "open surfaces",

@@ -75,6 +75,11 @@ enum pell_result pell_device_create_borrowed(struct pell_context *ctx, const str
 
 enum pell_result pell_device_create(struct pell_context *ctx, const struct pell_device_params *params, struct pell_device **out)
 {
+    if (out)
+        *out = NULL;
+    if (!ctx || !out)
+        return pell_null(ctx, "pell_device_create");
+
     static const struct pell_device_params none;
 
     *out = NULL;

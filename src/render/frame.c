@@ -294,6 +294,9 @@ static void note_preparation(struct pell_renderer *r, double seconds)
 
 enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings, struct pell_render_result *image)
 {
+    if (!r || !settings || !image)
+        return pell_null(r ? r->ctx : NULL, "pell_renderer_render");
+
     const double begin = pell_seconds();
     struct pell_engine_frame frame = { .settings = &r->settings, .materials = &r->materials, .lens = &r->lens, .notes = &r->notes };
     struct pell_engine_result result;

@@ -141,6 +141,11 @@ fail:
 enum pell_result pell_pass_create(struct pell_device *device, const struct pell_method *method, const void *knobs,
                                   const struct pell_frame_shape *shape, struct pell_pass **out)
 {
+    if (out)
+        *out = NULL;
+    if (!device || !method || !shape || !out)
+        return pell_null(device ? device->ctx : NULL, "pell_pass_create");
+
     const struct pell_services services = { .ctx = device->ctx, .pool = device->pool, .gpu = device->gpu, .planes = device->planes };
     void *defaults = NULL;
     enum pell_result res;
@@ -232,6 +237,9 @@ static bool same_shape(const struct pell_frame_shape *a, const struct pell_frame
 
 enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_frame *in, const struct pell_frame_light *out)
 {
+    if (!pass || !in || !out)
+        return pell_null(pass ? pass->services.ctx : NULL, "pell_pass_render");
+
     struct pell_context *ctx = pass->services.ctx;
     const struct pell_rect r = in->rect;
     const char *missing;

@@ -30,6 +30,11 @@ void pell_renderer_measure_bandwidth(struct pell_renderer *r, bool wanted)
 
 enum pell_result pell_renderer_create(struct pell_device *device, struct pell_renderer **out)
 {
+    if (out)
+        *out = NULL;
+    if (!device || !out)
+        return pell_null(device ? device->ctx : NULL, "pell_renderer_create");
+
     struct pell_renderer *r = pell_zalloc(device->ctx, sizeof(*r));
     enum pell_result res;
 
@@ -93,6 +98,9 @@ static enum pell_result check_checkpoint(struct pell_context *ctx, const struct 
 
 enum pell_result pell_renderer_set_checkpoint(struct pell_renderer *r, const struct pell_checkpoint *checkpoint)
 {
+    if (!r)
+        return pell_null(NULL, "pell_renderer_set_checkpoint");
+
     struct pell_checkpoint copy = checkpoint ? *checkpoint : (struct pell_checkpoint) { .path = NULL };
     const char **parts;
     enum pell_result res;
@@ -142,6 +150,9 @@ void pell_renderer_set_observer(struct pell_renderer *r, const struct pell_obser
 
 enum pell_result pell_renderer_set_scene(struct pell_renderer *r, const struct pell_scene *scene)
 {
+    if (!r)
+        return pell_null(NULL, "pell_renderer_set_scene");
+
     enum pell_result res;
 
     pell_renderer_invalidate(r, PELL_INPUT_SCENE);
@@ -164,6 +175,9 @@ void pell_renderer_lights_changed(struct pell_renderer *r)
 
 enum pell_result pell_renderer_set_method(struct pell_renderer *r, const struct pell_method *method, const void *knobs)
 {
+    if (!r)
+        return pell_null(NULL, "pell_renderer_set_method");
+
     void *copy = NULL;
     enum pell_result res;
 

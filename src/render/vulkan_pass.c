@@ -56,6 +56,11 @@ enum pell_result pell_vulkan_pass_create(struct pell_context *ctx, const struct 
                                          const struct pell_method *method, const void *knobs, const struct pell_frame_shape *shape,
                                          const struct pell_vulkan_buffers *buffers, struct pell_vulkan_pass **out)
 {
+    if (out)
+        *out = NULL;
+    if (!ctx || !device || !method || !shape || !buffers || !out)
+        return pell_null(ctx, "pell_vulkan_pass_create");
+
     struct pell_frame_shape on_device = *shape;
     struct pell_vulkan_pass *p;
     enum pell_result res;
@@ -83,6 +88,9 @@ fail:
 
 enum pell_result pell_vulkan_pass_record(struct pell_vulkan_pass *pass, struct VkCommandBuffer_T *command_buffer, float nearest_mm)
 {
+    if (!pass)
+        return PELL_ERR_INVALID;
+
     if (!command_buffer)
         return pell_error(pass->ctx, PELL_ERR_INVALID, "vulkan pass", NULL, "the command buffer is NULL");
     if (!(nearest_mm > 0.0f && nearest_mm < 1e12f))

@@ -549,6 +549,9 @@ static enum pell_result add_counts(struct check *k)
 
 enum pell_result pell_scene_check(const struct pell_scene *scene, struct pell_scene_report *report)
 {
+    if (!scene || !report)
+        return pell_null(scene ? scene->ctx : NULL, "pell_scene_check");
+
     struct check k = { .scene = scene, .ctx = scene->ctx, .report = report };
     enum pell_result res;
 

@@ -681,6 +681,9 @@ fail:
 
 enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params)
 {
+    if (!scene)
+        return pell_null(NULL, "pell_scene_complete");
+
     struct pell_extras extras = { .ground_material = -1 };
     enum pell_result res = params ? pell_viewpoint_read(scene->ctx, params, &extras.view) : PELL_OK;
 

@@ -148,6 +148,11 @@ fail:
 enum pell_result pell_scene_load_memory(struct pell_context *ctx, const char *path, const void *data, size_t size,
                                         const struct pell_load_params *params, struct pell_scene **out)
 {
+    if (out)
+        *out = NULL;
+    if (!ctx || !path || (!data && size) || !out)
+        return pell_null(ctx, "pell_scene_load_memory");
+
     static const struct pell_load_params none;
     struct pell_loader loader = { .ctx = ctx, .params = params ? params : &none };
     char *folder = pell_path_folder(ctx, path);
@@ -164,6 +169,11 @@ enum pell_result pell_scene_load_memory(struct pell_context *ctx, const char *pa
 
 enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params, struct pell_scene **out)
 {
+    if (out)
+        *out = NULL;
+    if (!ctx || !path || !out)
+        return pell_null(ctx, "pell_scene_load");
+
     uint8_t *data = NULL;
     size_t size;
     enum pell_result res;

@@ -10,6 +10,11 @@ enum { MESHES, MATERIALS, TEXTURES, LIGHTS, CAMERAS, OPTIONS };
 
 enum pell_result pell_scene_create(struct pell_context *ctx, struct pell_scene **out)
 {
+    if (out)
+        *out = NULL;
+    if (!ctx || !out)
+        return pell_null(ctx, "pell_scene_create");
+
     struct pell_scene *scene = pell_zalloc(ctx, sizeof(*scene));
 
     *out = NULL;
@@ -116,6 +121,9 @@ fail:
 
 enum pell_result pell_scene_add_mesh(struct pell_scene *scene, const char *name, size_t *index)
 {
+    if (!scene || !index)
+        return pell_null(scene ? scene->ctx : NULL, "pell_scene_add_mesh");
+
     void *array = scene->meshes;
     char *copy;
     const enum pell_result res = add(scene, MESHES, "meshes", &array, scene->num_meshes, sizeof(scene->meshes[0]), name, &copy);
@@ -135,6 +143,9 @@ struct pell_texture_map pell_texture_map_none(void)
 
 enum pell_result pell_scene_add_material(struct pell_scene *scene, const char *name, size_t *index)
 {
+    if (!scene || !index)
+        return pell_null(scene ? scene->ctx : NULL, "pell_scene_add_material");
+
     const struct pell_material_entry *marble = pell_material_find("marble");
     struct pell_material *m;
     void *array = scene->materials;
@@ -168,6 +179,9 @@ enum pell_result pell_scene_add_material(struct pell_scene *scene, const char *n
 
 enum pell_result pell_scene_add_texture(struct pell_scene *scene, const char *name, struct pell_texture **texture)
 {
+    if (!scene || !texture)
+        return pell_null(scene ? scene->ctx : NULL, "pell_scene_add_texture");
+
     void *array = scene->textures;
     struct pell_texture *t = pell_zalloc(scene->ctx, sizeof(*t));
     enum pell_result res;
@@ -188,6 +202,9 @@ enum pell_result pell_scene_add_texture(struct pell_scene *scene, const char *na
 
 enum pell_result pell_scene_add_light(struct pell_scene *scene, const char *name, size_t *index)
 {
+    if (!scene || !index)
+        return pell_null(scene ? scene->ctx : NULL, "pell_scene_add_light");
+
     void *array = scene->lights;
     char *copy;
     const enum pell_result res = add(scene, LIGHTS, "lights", &array, scene->num_lights, sizeof(scene->lights[0]), name, &copy);
@@ -202,6 +219,9 @@ enum pell_result pell_scene_add_light(struct pell_scene *scene, const char *name
 
 enum pell_result pell_scene_add_camera(struct pell_scene *scene, const char *name, size_t *index)
 {
+    if (!scene || !index)
+        return pell_null(scene ? scene->ctx : NULL, "pell_scene_add_camera");
+
     void *array = scene->cameras;
     char *copy;
     const enum pell_result res = add(scene, CAMERAS, "cameras", &array, scene->num_cameras, sizeof(scene->cameras[0]), name, &copy);
@@ -241,6 +261,9 @@ static bool index_valid(const struct pell_scene *scene, const char *where, const
 
 enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint32_t vertices, uint32_t triangles)
 {
+    if (!scene)
+        return pell_null(NULL, "pell_mesh_allocate");
+
     const struct pell_limits *limits = pell_context_limits(scene->ctx);
     struct pell_mesh *m;
     int64_t all_vertices, all_triangles;
@@ -280,6 +303,9 @@ enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint3
 
 enum pell_result pell_mesh_allocate_uv(struct pell_scene *scene, size_t mesh, int set)
 {
+    if (!scene)
+        return pell_null(NULL, "pell_mesh_allocate_uv");
+
     struct pell_mesh *m;
 
     if (!index_valid(scene, scene->path, "mesh", mesh, scene->num_meshes))
@@ -297,6 +323,9 @@ enum pell_result pell_mesh_allocate_uv(struct pell_scene *scene, size_t mesh, in
 enum pell_result pell_texture_allocate(struct pell_scene *scene, struct pell_texture *texture, int width, int height, int channels,
                                        enum pell_pixel_type type)
 {
+    if (!scene || !texture)
+        return pell_null(scene ? scene->ctx : NULL, "pell_texture_allocate");
+
     static const size_t bytes[] = { [PELL_PIXEL_U8] = 1, [PELL_PIXEL_U16] = 2, [PELL_PIXEL_F32] = 4 };
     const int64_t most = pell_context_limits(scene->ctx)->image_pixels;
     struct pell_image *image = &texture->image;
@@ -412,6 +441,9 @@ enum pell_result pell_material_set(struct pell_context *ctx, struct pell_materia
 
 enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, const char *where, const char *entry)
 {
+    if (!scene || !where || !entry)
+        return pell_null(scene ? scene->ctx : NULL, "pell_material_apply");
+
     const struct pell_material_entry *found = pell_material_find(entry);
 
     if (!index_valid(scene, where, "material", material, scene->num_materials))
@@ -423,6 +455,9 @@ enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, 
 
 enum pell_result pell_material_allocate_layers(struct pell_scene *scene, size_t material, int count)
 {
+    if (!scene)
+        return pell_null(NULL, "pell_material_allocate_layers");
+
     struct pell_material *m;
 
     if (!index_valid(scene, scene->path, "material", material, scene->num_materials))
@@ -445,6 +480,9 @@ enum pell_result pell_material_allocate_layers(struct pell_scene *scene, size_t 
 
 enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t material)
 {
+    if (!scene)
+        return pell_null(NULL, "pell_material_solve_layers");
+
     struct pell_layer_measure measure[PELL_LAYERS_MOST];
     struct pell_layer_fault fault;
     struct pell_material *m;

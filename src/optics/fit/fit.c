@@ -131,6 +131,9 @@ static enum pell_result fit_dipole(const struct pell_dipole *dipole, const struc
 enum pell_result pell_fit_dipole(const struct pell_dipole *dipole, const struct pell_fit_params *params, struct pell_gaussians *out,
                                  struct pell_fit_report *report)
 {
+    if (!dipole || !params || !out)
+        return PELL_ERR_INVALID;
+
     return fit_dipole(dipole, params, true, out, report);
 }
 
@@ -167,6 +170,9 @@ static void fit_dipole_channels(const struct pell_dipole dipoles[3], const struc
 enum pell_result pell_fit_medium(const struct pell_medium *medium, const struct pell_fit_params *params, struct pell_gaussians *out,
                                  struct pell_fit_report *report)
 {
+    if (!medium || !params || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_profile profiles[3];
 
     memset(out, 0, sizeof(*out));
@@ -274,11 +280,17 @@ static enum pell_result fit_profiles(const struct pell_profile *profiles, int ch
 enum pell_result pell_fit_profile(const struct pell_profile *profile, const struct pell_fit_params *params, struct pell_gaussians *out,
                                   struct pell_fit_report *report)
 {
+    if (!profile || !params || !out)
+        return PELL_ERR_INVALID;
+
     return fit_profiles(profile, 1, params, out, report);
 }
 
 enum pell_result pell_fit_profiles(const struct pell_profile profiles[3], const struct pell_fit_params *params, struct pell_gaussians *out,
                                    struct pell_fit_report *report)
 {
+    if (!profiles || !params || !out)
+        return PELL_ERR_INVALID;
+
     return fit_profiles(profiles, 3, params, out, report);
 }

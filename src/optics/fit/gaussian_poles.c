@@ -86,6 +86,9 @@ static void weights_best(double x, bool energy, double u[4])
 enum pell_result pell_pole_appendix_a(double z_mm, double sigma_tr, enum pell_appendix_a constants, double variance_mm2[4],
                                       double weight[4])
 {
+    if (!variance_mm2 || !weight)
+        return PELL_ERR_INVALID;
+
     const double x = sigma_tr * fabs(z_mm);
 
     for (int i = 0; i < 4; i++)
@@ -105,6 +108,9 @@ enum pell_result pell_pole_appendix_a(double z_mm, double sigma_tr, enum pell_ap
 
 enum pell_result pell_dipole_appendix_a(const struct pell_dipole *dipole, enum pell_appendix_a constants, struct pell_gaussians *out)
 {
+    if (!dipole || !out)
+        return PELL_ERR_INVALID;
+
     const double z[2] = { dipole->zr, dipole->zv };
     double variance[2][4], weight[2][4];
     int next[2] = { 0, 0 };
@@ -139,6 +145,9 @@ static void integration_range(double x, double step, double *low, double *high)
 
 enum pell_result pell_pole_gaussians(double z_mm, double sigma_tr, double *variance, double *weight, size_t count)
 {
+    if ((!variance || !weight) && count)
+        return PELL_ERR_INVALID;
+
     const double x = sigma_tr * fabs(z_mm), total = 0.5 * exp(-x), sign = copysign(1.0, z_mm);
     double narrow = 1e-4, wide = 64.0, low, high, sum = 0.0;
 
@@ -190,6 +199,9 @@ static void sums(double x, double v, double *mass, double *moment)
 
 enum pell_result pell_pole_gaussians_at(double z_mm, double sigma_tr, const double *variance, double *weight, size_t count)
 {
+    if ((!variance || !weight) && count)
+        return PELL_ERR_INVALID;
+
     const double x = sigma_tr * fabs(z_mm), z2 = z_mm * z_mm, total = copysign(0.5, z_mm) * exp(-x);
     double mass, moment;
 

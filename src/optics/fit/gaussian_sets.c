@@ -66,6 +66,9 @@ void pell_gaussian_set_convolve(const double *variance_a, const double *weight_a
 
 enum pell_result pell_gaussian_set_targets(const double *variance, const double *weight, size_t count, double *target, size_t targets)
 {
+    if (((!variance || !weight) && count) || (!target && targets))
+        return PELL_ERR_INVALID;
+
     double low = INFINITY, high = 0.0, sum = 0.0, moment = 0.0;
 
     for (size_t i = 0; i < count; i++) {

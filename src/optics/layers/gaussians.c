@@ -342,6 +342,9 @@ static void combine(struct algebra *g, bool reflectance_only)
 enum pell_result pell_stack_gaussians(const struct pell_stack *stack, int channel, const struct pell_stack_gaussians_params *params,
                                       void *workspace, size_t workspace_size, struct pell_stack_sets *out)
 {
+    if (!stack || !workspace || !out)
+        return PELL_ERR_INVALID;
+
     const struct pell_stack_gaussians_params none = { 0 }, *q = params ? params : &none;
     struct pell_slabs slabs;
     struct algebra g = { .block = block_of(params), .energy_loss = q->energy_loss > 0.0 ? q->energy_loss : 1e-6 };
@@ -414,6 +417,9 @@ static double quantile(const struct pell_stack_sets *s, enum pell_stack_part par
 
 enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *s, enum pell_stack_part part, struct pell_profile *out)
 {
+    if (!s || !out)
+        return PELL_ERR_INVALID;
+
     *out = (struct pell_profile) { 0 };
     if (!usable(s, part))
         return PELL_ERR_INVALID;
@@ -519,6 +525,9 @@ static double project(const double *variance, const double *w, int n, const doub
 enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3], enum pell_stack_part part, int count,
                                    struct pell_gaussians *out)
 {
+    if (!channel || !out)
+        return PELL_ERR_INVALID;
+
     enum { TRIES = 6 };
     static const double low_fractions[TRIES] = { 0.005, 0.02, 0.05, 0.09, 0.15, 0.22 };
     static const double high_fractions[TRIES] = { 0.995, 0.98, 0.94, 0.88, 0.8, 0.7 };

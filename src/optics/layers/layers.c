@@ -111,6 +111,9 @@ static double interpolate(const struct spectrum *p, int part, double r)
 enum pell_result pell_stack_hankel(const struct pell_stack *stack, int channel, const double *r_mm, size_t count,
                                    double *const out[PELL_STACK_PARTS], unsigned *flags)
 {
+    if (!stack || (!r_mm && count) || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_slabs slabs;
     struct spectrum spectrum;
     bool wanted[PELL_STACK_PARTS];
@@ -138,6 +141,9 @@ enum pell_result pell_stack_hankel(const struct pell_stack *stack, int channel, 
 enum pell_result pell_stack_profile(const struct pell_stack *stack, int channel, enum pell_stack_part part, struct pell_profile *out,
                                     unsigned *flags)
 {
+    if (!stack || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_slabs slabs;
     struct spectrum spectrum;
     bool wanted[PELL_STACK_PARTS] = { false };

@@ -72,6 +72,9 @@ bool pell_stack_valid(const struct pell_stack *s, struct pell_stack_fault *fault
 
 enum pell_result pell_stack_layer(const struct pell_stack *s, int i, struct pell_stack *out)
 {
+    if (!s || !out)
+        return PELL_ERR_INVALID;
+
     *out = (struct pell_stack) { 0 };
     if (!pell_stack_valid(s, NULL) || i < 0 || i >= s->count)
         return PELL_ERR_INVALID;
@@ -281,6 +284,9 @@ void pell_stack_of_medium(const struct pell_medium *medium, double thickness_mm,
 
 enum pell_result pell_stack_totals(const struct pell_stack *stack, int channel, double out[PELL_STACK_PARTS], unsigned *flags)
 {
+    if (!stack || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_slabs slabs;
     const enum pell_result res = pell_slabs_prepare(stack, channel, &slabs);
 
@@ -297,6 +303,9 @@ enum pell_result pell_stack_totals(const struct pell_stack *stack, int channel, 
 
 enum pell_result pell_stack_transforms(const struct pell_stack *stack, int channel, double s, double out[PELL_STACK_PARTS])
 {
+    if (!stack || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_slabs slabs;
     const enum pell_result res = pell_slabs_prepare(stack, channel, &slabs);
 
@@ -314,6 +323,9 @@ enum pell_result pell_stack_transforms(const struct pell_stack *stack, int chann
 enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, enum pell_stack_part part, double r_mm, double tolerance,
                                  int dipoles_max, double *out, int *dipoles)
 {
+    if (!stack || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_slabs p;
     const enum pell_result res = pell_slabs_prepare(stack, channel, &p);
 

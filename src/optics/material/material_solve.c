@@ -6,6 +6,9 @@
 
 enum pell_result pell_material_solve(const struct pell_material_layers *layers, struct pell_gaussians *out, struct pell_fit_report *report)
 {
+    if (!layers || !out)
+        return PELL_ERR_INVALID;
+
     const struct pell_fit_params params = { .count = PELL_MATERIAL_LAYERS_GAUSSIANS };
     struct pell_profile profiles[3];
     struct pell_stack stack;

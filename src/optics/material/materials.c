@@ -36,6 +36,9 @@ const struct pell_material_entry *pell_material_find(const char *name)
 
 enum pell_result pell_material_dilute(const struct pell_material_entry *entry, double concentration, struct pell_material_entry *out)
 {
+    if (!entry || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_medium m;
     double scale;
 

@@ -242,6 +242,9 @@ static enum pell_result invert_model(const struct query *q, double color, double
 enum pell_result pell_albedo_of_color(enum pell_profile_model model, const struct pell_profile_params *params, double color, double g,
                                       double eta, double *albedo_reduced, struct pell_medium_fault *fault)
 {
+    if (!albedo_reduced)
+        return PELL_ERR_INVALID;
+
     const struct query q = { model, params, g, eta };
 
     *albedo_reduced = 0.0;
@@ -356,6 +359,9 @@ enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_r
                                                    const struct pell_profile_params *params, struct pell_medium *out,
                                                    struct pell_medium_fault *fault)
 {
+    if (!in || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_medium m = { .eta = in->eta };
 
     *out = (struct pell_medium) { 0 };
@@ -379,6 +385,9 @@ enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_r
 enum pell_result pell_medium_from_map(const struct pell_color_and_radius *in, enum pell_albedo_map map, struct pell_medium *out,
                                       struct pell_medium_fault *fault)
 {
+    if (!in || !out)
+        return PELL_ERR_INVALID;
+
     struct pell_medium m = { .eta = in->eta };
 
     *out = (struct pell_medium) { 0 };

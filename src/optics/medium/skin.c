@@ -73,6 +73,9 @@ static void coefficients(const struct pell_skin *s, double nm, struct pell_skin_
 enum pell_result pell_skin_at(const struct pell_skin *skin, double nm, struct pell_skin_coefficients *epidermis,
                               struct pell_skin_coefficients *dermis)
 {
+    if (!skin || !epidermis || !dermis)
+        return PELL_ERR_INVALID;
+
     if (!pell_skin_valid(skin, NULL) || !(nm >= PELL_WAVELENGTH_MIN && nm <= PELL_WAVELENGTH_MAX))
         return PELL_ERR_INVALID;
     coefficients(skin, nm, epidermis, dermis);
@@ -81,6 +84,9 @@ enum pell_result pell_skin_at(const struct pell_skin *skin, double nm, struct pe
 
 enum pell_result pell_skin_reflectance(const struct pell_skin *skin, double reflectance[PELL_WAVELENGTHS])
 {
+    if (!skin || !reflectance)
+        return PELL_ERR_INVALID;
+
     struct pell_stack stack = { .count = 2 };
     double out[PELL_STACK_PARTS];
 
@@ -106,6 +112,9 @@ enum pell_result pell_skin_reflectance(const struct pell_skin *skin, double refl
 
 enum pell_result pell_skin_color(const struct pell_skin *skin, double rgb[3])
 {
+    if (!skin || !rgb)
+        return PELL_ERR_INVALID;
+
     double reflectance[PELL_WAVELENGTHS];
 
     if (pell_skin_reflectance(skin, reflectance) != PELL_OK)
@@ -140,6 +149,9 @@ static enum pell_result match(struct pell_stack *stack, int channel, double tota
 
 enum pell_result pell_skin_layers(const struct pell_skin *skin, struct pell_material_layers *out)
 {
+    if (!skin || !out)
+        return PELL_ERR_INVALID;
+
     static const char names[2][10] = { "epidermis", "dermis" };
     double weight[PELL_WAVELENGTHS][3], sum[3] = { 0 }, color[3];
     struct pell_stack stack = { .count = 2 };

@@ -49,6 +49,9 @@ const struct pell_profile_shape pell_profile_gaussians = { inside, outside, tran
 
 enum pell_result pell_profile_from_gaussians(const struct pell_gaussians *g, int channel, struct pell_profile *out)
 {
+    if (!g || !out)
+        return PELL_ERR_INVALID;
+
     int count = 0;
     double total = 0.0;
 

@@ -28,6 +28,9 @@ static double taps(int half, double step, double width, double *weight)
 
 enum pell_result pell_kernel_gaussian_taps(double variance_mm2, int count, double *offset_mm, double *weight)
 {
+    if (!offset_mm || !weight)
+        return PELL_ERR_INVALID;
+
     if (count < 3 || count > PELL_KERNEL_TAPS_MAX || count % 2 == 0 || !(variance_mm2 >= 1e-200) || !(variance_mm2 <= 1e200))
         return PELL_ERR_INVALID;
     /* Truncation and spacing errors balance at a reach of sqrt(2 pi half); it is less here, as images have little energy at the frequencies
@@ -50,6 +53,9 @@ enum pell_result pell_kernel_gaussian_taps(double variance_mm2, int count, doubl
 
 enum pell_result pell_kernel_chain_make(const struct pell_gaussians *g, struct pell_kernel_chain *out)
 {
+    if (!g || !out)
+        return PELL_ERR_INVALID;
+
     double sum[3] = { 0.0 };
 
     memset(out, 0, sizeof(*out));
@@ -258,6 +264,9 @@ static bool separate(const struct pell_profile *p, int c, struct pell_separable 
 enum pell_result pell_separable_make(const struct pell_profile profiles[3], const struct pell_separable_params *params,
                                      struct pell_separable *out)
 {
+    if (!profiles || !out)
+        return PELL_ERR_INVALID;
+
     const struct pell_separable_params none = { 0 }, *p = params ? params : &none;
     const double spread = p->spread == 0.0 ? 2.0 : p->spread;
     double extent = p->extent_mm;
@@ -317,16 +326,25 @@ static enum pell_result rings(const struct pell_profile *p, double r_max_mm, flo
 
 enum pell_result pell_kernel_table_value(const struct pell_profile *profile, double r_max_mm, float *texel, size_t count)
 {
+    if (!profile || !texel)
+        return PELL_ERR_INVALID;
+
     return rings(profile, r_max_mm, texel, count, true);
 }
 
 enum pell_result pell_kernel_table_ring(const struct pell_profile *profile, double r_max_mm, float *texel, size_t count)
 {
+    if (!profile || !texel)
+        return PELL_ERR_INVALID;
+
     return rings(profile, r_max_mm, texel, count, false);
 }
 
 enum pell_result pell_kernel_table_radius(const struct pell_profile *profile, float *texel, size_t count)
 {
+    if (!profile || !texel)
+        return PELL_ERR_INVALID;
+
     if (count < 1 || count > 1u << 24)
         return PELL_ERR_INVALID;
     for (size_t i = 0; i < count; i++)
@@ -339,6 +357,9 @@ enum pell_result pell_kernel_table_radius(const struct pell_profile *profile, fl
 enum pell_result pell_kernel_table_sphere(const struct pell_profile *profile, double curvature_max, float *texel, size_t width,
                                           size_t height)
 {
+    if (!profile || !texel)
+        return PELL_ERR_INVALID;
+
     const double total = pell_profile_total(profile);
 
     if (!(curvature_max >= 1e-30) || !(curvature_max <= 1e30) || width < 1 || height < 1 || width > 16384 || height > 16384)

@@ -43,6 +43,9 @@ bool pell_profile_model_find(const char *name, enum pell_profile_model *out)
 enum pell_result pell_profile_make(enum pell_profile_model model, const struct pell_medium *medium, int channel,
                                    const struct pell_profile_params *params, struct pell_profile *out)
 {
+    if (!medium || !out)
+        return PELL_ERR_INVALID;
+
     const struct pell_profile_params none = { 0 };
     const struct pell_profile_params *p = params ? params : &none;
     enum pell_result res;

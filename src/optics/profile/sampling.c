@@ -75,6 +75,9 @@ double pell_dipole_pdf(const struct pell_dipole *d, double r_mm)
 enum pell_result pell_sampling_table_make(enum pell_profile_model model, double eta, double g, const struct pell_profile_params *params,
                                           struct pell_sampling_table *out)
 {
+    if (!out)
+        return PELL_ERR_INVALID;
+
     struct pell_profile p;
 
     memset(out, 0, sizeof(*out));

@@ -109,6 +109,9 @@ static void merge(const double *r, const double *R, size_t count, double total, 
 enum pell_result pell_profile_from_table(const double *r_mm, const double *R, size_t count, struct pell_profile *out,
                                          struct pell_profile_fault *fault)
 {
+    if (!r_mm || !R || !out)
+        return PELL_ERR_INVALID;
+
     double total, most = 1.0 + PELL_PROFILE_TOTAL_SLACK;
 
     memset(out, 0, sizeof(*out));
