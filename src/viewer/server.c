@@ -12,6 +12,7 @@
 #include <string.h>
 #include <strings.h>
 #include <sys/inotify.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -21,11 +22,23 @@
 #define TICK_US 250000      /* longest delay until Ctrl-C is noticed */
 #define WATCHED_MOST 256    /* folders */
 #define WATCHED_DEPTH 4     /* of folders below that of the input */
+#define GUESTS_MOST 64      /* connections that are no page: a browser opens six for the files of one */
+#define REQUEST_SECONDS 10  /* for a request to arrive */
+#define IDLE_SECONDS 5      /* until the next request of a connection */
+#define GUEST_SECONDS 20.0  /* without a request */
 
 static const char security[] = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
                                "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
+#define PAGE_PROTOCOL "pellucid"
+
 _Static_assert(VIEWER_ROOM >= LWS_PRE, "libwebsockets writes its head before a message");
+
+/* A connection that is no page. */
+struct guest {
+    struct lws *wsi;
+    double seen; /* time of its last request, or of the last part of a file that it took */
+};
 
 struct server {
     struct viewer *v;
@@ -33,6 +46,8 @@ struct server {
     int port;
     struct lws_context *lws;
     lws_sorted_usec_list_t tick, settle;
+    struct guest guests[GUESTS_MOST]; /* the oldest first */
+    int num_guests, most_guests;
     int pages;
     bool visited;
     double empty_since; /* time since which no page has been open */
@@ -82,11 +97,98 @@ static bool has_token(struct lws *wsi)
     return viewer_token_equal(server_of(wsi)->params->token, value ? value : "");
 }
 
-/* --- Files ---------------------------------------------------------------------------------------------------------------------------- */
-
 static int refuse(struct lws *wsi, unsigned status, const char *why)
 {
     lws_return_http_status(wsi, status, why);
+    return -1;
+}
+
+/* Called for every request to become another protocol, whatever its name, before the one that it names is asked. */
+static int allow_upgrade(struct lws *wsi, const char *to)
+{
+    char wanted[40];
+
+    header(wsi, WSI_TOKEN_PROTOCOL, wanted, sizeof(wanted));
+    if (strcasecmp(to, "websocket") != 0 || strcmp(wanted, PAGE_PROTOCOL) != 0)
+        return refuse(wsi, HTTP_STATUS_BAD_REQUEST, "there is no such protocol");
+    if (!from_here(wsi) || !has_token(wsi))
+        return refuse(wsi, HTTP_STATUS_FORBIDDEN, "only a page of this program may connect");
+    return 0;
+}
+
+/* --- Guests: connections that are no page --------------------------------------------------------------------------------------------- */
+
+static void forget_guest(struct server *s, const struct lws *wsi)
+{
+    int left = 0;
+
+    for (int i = 0; i < s->num_guests; i++)
+        if (s->guests[i].wsi != wsi)
+            s->guests[left++] = s->guests[i];
+    s->num_guests = left;
+}
+
+static void dismiss_guest(struct server *s, struct lws *wsi)
+{
+    lws_set_timeout(wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_SYNC); /* lws_wsi_close() of 4.1 closes another connection */
+    forget_guest(s, wsi);
+}
+
+/* Where there are too many, the oldest goes: others can't keep out the browser of a page, whose requests are answered at once. */
+static void remember_guest(struct server *s, struct lws *wsi)
+{
+    while (s->num_guests >= s->most_guests)
+        dismiss_guest(s, s->guests[0].wsi);
+    s->guests[s->num_guests++] = (struct guest) { wsi, pell_seconds() };
+}
+
+static void guest_seen(struct server *s, const struct lws *wsi)
+{
+    for (int i = 0; i < s->num_guests; i++)
+        if (s->guests[i].wsi == wsi)
+            s->guests[i].seen = pell_seconds();
+}
+
+/* libwebsockets has timeouts for most connections, but not for all. */
+static void dismiss_silent_guests(struct server *s)
+{
+    const double now = pell_seconds();
+
+    for (int i = s->num_guests; i-- > 0;)
+        if (now - s->guests[i].seen > GUEST_SECONDS)
+            dismiss_guest(s, s->guests[i].wsi);
+}
+
+static int guests_most(void)
+{
+    struct rlimit files;
+
+    return getrlimit(RLIMIT_NOFILE, &files) == 0 && files.rlim_cur < 4 * GUESTS_MOST ? 1 + (int) files.rlim_cur / 4 : GUESTS_MOST;
+}
+
+/* --- Files ---------------------------------------------------------------------------------------------------------------------------- */
+
+static bool has_body(struct lws *wsi)
+{
+    char length[32];
+
+    header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH, length, sizeof(length));
+    return strspn(length, "0") != strlen(length) || lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) > 0;
+}
+
+/* A request that sends or changes something: its body is not waited for. */
+static int refuse_method(struct lws *wsi)
+{
+    static const char allow[] = "GET, HEAD", why[] = "only GET and HEAD are served\n";
+    unsigned char head[LWS_PRE + 512], *start = head + LWS_PRE, *p = start, *end = head + sizeof(head) - 1;
+
+    if (lws_add_http_common_headers(wsi, HTTP_STATUS_METHOD_NOT_ALLOWED, "text/plain", sizeof(why) - 1, &p, end) ||
+        lws_add_http_header_by_name(wsi, (const unsigned char *) "allow:", (const unsigned char *) allow, sizeof(allow) - 1, &p, end) ||
+        lws_add_http_header_by_token(wsi, WSI_TOKEN_CONNECTION, (const unsigned char *) "close", 5, &p, end) ||
+        lws_finalize_write_http_header(wsi, start, &p, end))
+        return -1;
+    memcpy(start, why, sizeof(why));
+    lws_write(wsi, start, sizeof(why) - 1, LWS_WRITE_HTTP_FINAL);
     return -1;
 }
 
@@ -104,8 +206,13 @@ static int begin_file(struct lws *wsi, struct request *r, const char *path)
     };
     unsigned char head[LWS_PRE + 2048], *start = head + LWS_PRE, *p = start, *end = head + sizeof(head) - 1;
 
+    guest_seen(server_of(wsi), wsi);
     if (!from_here(wsi))
         return refuse(wsi, HTTP_STATUS_FORBIDDEN, "this host name is not served");
+    if (!lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) && !lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI))
+        return refuse_method(wsi);
+    if (has_body(wsi))
+        return refuse(wsi, HTTP_STATUS_BAD_REQUEST, "a request for a page has no body");
     r->file = NULL;
     r->sent = 0;
     for (size_t i = 0; i < viewer_num_files; i++)
@@ -123,6 +230,8 @@ static int begin_file(struct lws *wsi, struct request *r, const char *path)
             return -1;
     if (lws_finalize_write_http_header(wsi, start, &p, end))
         return -1;
+    if (lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI))
+        return lws_http_transaction_completed(wsi) ? -1 : 0;
     lws_callback_on_writable(wsi);
     return 0;
 }
@@ -139,6 +248,7 @@ static int continue_file(struct lws *wsi, struct request *r)
         n = sizeof(part) - LWS_PRE;
     memcpy(part + LWS_PRE, r->file->bytes + r->sent, n);
     r->sent += n;
+    guest_seen(server_of(wsi), wsi);
     if (lws_write(wsi, part + LWS_PRE, n, r->sent == r->file->size ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) < (int) n)
         return -1;
     if (r->sent == r->file->size)
@@ -150,6 +260,10 @@ static int continue_file(struct lws *wsi, struct request *r)
 static int on_http(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t size)
 {
     switch (reason) {
+    case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: remember_guest(server_of(wsi), wsi); return 0;
+    case LWS_CALLBACK_WSI_DESTROY: forget_guest(server_of(wsi), wsi); return 0;
+    case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE: return allow_upgrade(wsi, in);
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: return -1;
     case LWS_CALLBACK_HTTP: return begin_file(wsi, user, in);
     case LWS_CALLBACK_HTTP_WRITEABLE: return continue_file(wsi, user);
     default: return lws_callback_http_dummy(wsi, reason, user, in, size);
@@ -172,6 +286,7 @@ static int open_page(struct lws *wsi, struct connection *c)
     *c = (struct connection) { .number = page ? page->number : 0 };
     if (!page)
         return close_for(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, "too many pages are open: close one, and this one connects");
+    forget_guest(s, wsi);
     s->pages++;
     s->visited = true;
     viewer_greet(s->v, c->number);
@@ -280,6 +395,8 @@ static int on_files(struct lws *wsi, enum lws_callback_reasons reason, void *use
     (void) user;
     (void) in;
     (void) size;
+    if (reason == LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION)
+        return -1;
     if (reason != LWS_CALLBACK_RAW_RX_FILE)
         return 0;
     while ((n = read(lws_get_socket_fd(wsi), buffer.bytes, sizeof(buffer.bytes))) > 0)
@@ -335,7 +452,7 @@ static void watch(struct server *s)
 
 static const struct lws_protocols protocols[] = {
     { "http", on_http, sizeof(struct request), 0, 0, NULL, 0 },
-    { "pellucid", on_page, sizeof(struct connection), 16384, 0, NULL, 0 },
+    { PAGE_PROTOCOL, on_page, sizeof(struct connection), 16384, 0, NULL, 0 },
     { "files", on_files, 0, 0, 0, NULL, 0 },
     { NULL, NULL, 0, 0, 0, NULL, 0 },
 };
@@ -350,6 +467,7 @@ static void on_tick(lws_sorted_usec_list_t *list)
 {
     struct server *s = lws_container_of(list, struct server, tick);
 
+    dismiss_silent_guests(s);
     lws_sul_schedule(s->lws, 0, &s->tick, on_tick, TICK_US);
 }
 
@@ -446,6 +564,9 @@ static enum exit_code listen_at(struct server *s)
     info.user = s;
     info.options = LWS_SERVER_OPTION_DISABLE_IPV6;
     info.server_string = "pellucid";
+    info.timeout_secs = REQUEST_SECONDS;
+    info.keepalive_timeout = IDLE_SECONDS;
+    s->most_guests = guests_most();
     s->lws = lws_create_context(&info);
     if (!s->lws)
         return cli_failed(s->v->cli, pell_error(s->v->cli->ctx, PELL_ERR_IO, "viewer", NULL, "%s:%d can't be served", p->address, s->port));

@@ -57,9 +57,15 @@ class Viewer:
             raise
 
     def get(self, path, **headers):
+        return self.ask('GET', path, **headers)
+
+    def ask(self, method, path, body=None, **headers):
         connection = http.client.HTTPConnection(self.host, self.port, timeout=PATIENCE)
         try:
-            connection.request('GET', path, headers=headers)
+            try:
+                connection.request(method, path, body=body, headers=headers)
+            except ConnectionError: # the answer came before the end of the body
+                pass
             answer = connection.getresponse()
             return answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read()
         except (http.client.HTTPException, OSError):
@@ -70,6 +76,9 @@ class Viewer:
     def page(self, **options):
         return Page(self, **options)
 
+    def open_files(self):
+        return len(os.listdir(f'/proc/{self.process.pid}/fd'))
+
     def cpu_seconds(self):
         with open(f'/proc/{self.process.pid}/stat', encoding='ascii') as file:
             fields = file.read().rsplit(')', 1)[1].split()
@@ -79,13 +88,15 @@ class Viewer:
 class Page:
     """A connection. It acknowledges every image, unless `lazy`."""
 
-    def __init__(self, viewer, token=None, host=None, origin=None, lazy=False):
+    def __init__(self, viewer, token=None, host=None, origin=None, lazy=False, protocol='pellucid', upgrade='websocket'):
         self.socket = socket.create_connection((viewer.host, viewer.port), timeout=PATIENCE)
         self.lazy, self.buffer, self.number = lazy, b'', 0
         key = base64.b64encode(os.urandom(16)).decode('ascii')
         query = urllib.parse.urlencode({'token': viewer.token if token is None else token})
-        lines = [f'GET /?{query} HTTP/1.1', f'Host: {host or f"{viewer.host}:{viewer.port}"}', 'Upgrade: websocket', 'Connection: Upgrade',
-                 f'Sec-WebSocket-Key: {key}', 'Sec-WebSocket-Version: 13', 'Sec-WebSocket-Protocol: pellucid']
+        lines = [f'GET /?{query} HTTP/1.1', f'Host: {host or f"{viewer.host}:{viewer.port}"}', f'Upgrade: {upgrade}', 'Connection: Upgrade',
+                 f'Sec-WebSocket-Key: {key}', 'Sec-WebSocket-Version: 13']
+        if protocol:
+            lines.append(f'Sec-WebSocket-Protocol: {protocol}')
         if origin:
             lines.append(f'Origin: {origin}')
         self.socket.sendall('\r\n'.join(lines + ['', '']).encode('ascii'))

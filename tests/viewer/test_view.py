@@ -3,6 +3,7 @@
 """test_view.py PROGRAM ROOT: `pellucid view` from outside: access control, messages to a page, and images identical to those of
 `render`."""
 import json
+import resource
 import shutil
 import signal
 import socket
@@ -70,6 +71,68 @@ def _(folder):
                 pass
         with viewer.page(origin=here) as page:
             need(page.hello()['input'] == 'ball.obj', 'hello')
+
+
+@test('no connection becomes anything but a page')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer:
+        for wrong in ({'protocol': None}, {'protocol': 'http'}, {'protocol': 'files'}, {'protocol': 'pellucid, http'},
+                      {'protocol': 'Pellucid'}, {'upgrade': 'h2c'}, {'upgrade': 'h2c', 'protocol': None}):
+            for token in (None, ''):
+                try:
+                    with viewer.page(token=token, **wrong):
+                        raise AssertionError(f'{wrong} is let in')
+                except Closed:
+                    pass
+        with viewer.page() as page:
+            page.hello()
+
+
+@test('connections without a token, more than there may be files, end soon and keep out no page')
+def _(folder):
+    handshake = ('GET / HTTP/1.1\r\nHost: example.org\r\nOrigin: http://example.org\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'
+                 'Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n')
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        resource.prlimit(viewer.process.pid, resource.RLIMIT_NOFILE, (512, 512))
+        for begin in ('', 'GET / HTTP/1.1\r\nHo', handshake, f'{handshake}\r\n', f'{handshake}Sec-WebSocket-Protocol: files\r\n\r\n'):
+            before, others = viewer.open_files(), []
+            for _ in range(600):
+                others.append(socket.create_connection((viewer.host, viewer.port), timeout=PATIENCE))
+                try:
+                    others[-1].sendall(begin.encode('ascii'))
+                except ConnectionError:
+                    pass
+            need(viewer.get(f'/?token={viewer.token}')[0] == 200, repr(begin), 'keep out the page')
+            with viewer.page() as more:
+                more.hello()
+            need(viewer.open_files() < before + 100, viewer.open_files(), 'files are open, before', before)
+            spent = viewer.cpu_seconds()
+            time.sleep(0.5)
+            need(viewer.cpu_seconds() - spent < 0.1, repr(begin), 'keep the processor busy')
+            for one in others:
+                one.close()
+        page.still(state)
+        silent = socket.create_connection((viewer.host, viewer.port), timeout=PATIENCE)
+        need(silent.recv(1) == b'', 'a connection that asks for nothing stays')
+        silent.close()
+
+
+@test('what is no request for a page is refused at once')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer:
+        start = time.monotonic()
+        for method in ('POST', 'PUT', 'PATCH', 'DELETE', 'OPTIONS'):
+            for body in (None, b'x', b'x' * 10000, b'x' * 1000000):
+                status, headers, _ = viewer.ask(method, '/main.js', body)
+                need(status == 405 and headers['allow'] == 'GET, HEAD' and headers['connection'] == 'close', method, status, headers)
+        status, headers, _ = viewer.ask('POST', '/main.js', **{'Content-Length': '1000'}) # and no body
+        need(status == 405, status, headers)
+        need(viewer.ask('GET', '/main.js', b'body')[0] == 400, 'a body')
+        size = len(viewer.get('/main.js')[2])
+        status, headers, body = viewer.ask('HEAD', '/main.js')
+        need(status == 200 and int(headers['content-length']) == size and body == b'', status, headers)
+        need(time.monotonic() - start < PATIENCE / 4, time.monotonic() - start, 's')
 
 
 @test('hello has every method, knob, setting and material of the tables')
