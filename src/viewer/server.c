@@ -328,7 +328,7 @@ static int receive(struct lws *wsi, struct connection *c, const void *in, size_t
     if (viewer_message_parse(s->v->parsing, c->text, size, &message) != PELL_OK)
         return close_for(wsi, LWS_CLOSE_STATUS_PROTOCOL_ERR, "the message can't be read");
     if (!viewer_accept(s->v, c->number, message))
-        return close_for(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, "the page asks for too much");
+        return close_for(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, "the message acknowledges what was not sent");
     lws_callback_on_writable(wsi);
     return 0;
 }

@@ -114,47 +114,82 @@ static void acknowledge(struct viewer_page *page, int64_t serial)
     page->num_in_flight = left;
 }
 
-static bool accept_locked(struct viewer *v, struct viewer_page *page, struct viewer_message **message)
+/* The page shows only the last profile, so a newer request replaces one that waits. */
+static bool is_replaced(const struct viewer_message *m)
+{
+    return m->type == VIEWER_PROFILE && !m->export;
+}
+
+/* Takes a task, or what it replaces is left in *message. False: too many wait. */
+static bool enqueue(struct viewer_page *page, struct viewer_message **message)
+{
+    struct viewer_message *m = *message;
+    int at = 0;
+
+    while (at < page->num_tasks && !(is_replaced(m) && is_replaced(page->tasks[at])))
+        at++;
+    if (at == VIEWER_TASKS)
+        return false;
+    *message = at < page->num_tasks ? page->tasks[at] : NULL;
+    page->num_tasks += at == page->num_tasks;
+    page->tasks[at] = m;
+    return true;
+}
+
+enum accepted { ACCEPTED, TOO_MANY, DAMAGED };
+
+static enum accepted accept_locked(struct viewer *v, struct viewer_page *page, struct viewer_message **message)
 {
     struct viewer_message *m = *message, *old;
 
     switch (m->type) {
     case VIEWER_ACK:
         if (m->id > page->sent)
-            return false;
+            return DAMAGED;
         acknowledge(page, m->id);
         pthread_cond_signal(&v->wake);
-        return true;
+        return ACCEPTED;
     case VIEWER_VIEW:
         old = page->view;
         page->view = m;
         *message = old;
         wake_worker(v);
-        return true;
+        return ACCEPTED;
     case VIEWER_SAVE:
     case VIEWER_PICK:
     case VIEWER_PROFILE:
-        if (page->num_tasks == VIEWER_TASKS)
-            return false;
-        page->tasks[page->num_tasks++] = m;
-        *message = NULL;
+        if (!enqueue(page, message))
+            return TOO_MANY;
         wake_worker(v);
-        return true;
+        return ACCEPTED;
     }
-    return false;
+    return DAMAGED;
+}
+
+/* The page must not wait for a file that is not made. */
+static void refuse(struct viewer *v, uint64_t number, const struct viewer_message *m)
+{
+    viewer_send(v, number,
+                json_pack("{s:s,s:s,s:s,s:s,s:s}", "type", "message", "level", "warning", "where", "viewer", "what",
+                          "too many requests are waiting", "hint", "try again when those before it are done"),
+                -1, NULL, 0);
+    if (m->type == VIEWER_SAVE || m->export)
+        viewer_send(v, number, json_pack("{s:s,s:I}", "type", "unsaved", "id", (json_int_t) m->id), -1, NULL, 0);
 }
 
 bool viewer_accept(struct viewer *v, uint64_t number, struct viewer_message *message)
 {
     struct viewer_page *page;
-    bool good = true;
+    enum accepted accepted = ACCEPTED;
 
     pthread_mutex_lock(&v->lock);
     if ((page = viewer_page_of(v, number)))
-        good = accept_locked(v, page, &message);
+        accepted = accept_locked(v, page, &message);
     pthread_mutex_unlock(&v->lock);
+    if (accepted == TOO_MANY)
+        refuse(v, number, message);
     viewer_message_destroy(&message);
-    return good;
+    return accepted != DAMAGED;
 }
 
 /* --- News ----------------------------------------------------------------------------------------------------------------------------- */

@@ -17,7 +17,7 @@
 #include <pthread.h>
 
 #define VIEWER_PAGES 8
-#define VIEWER_TASKS 8       /* queued saves and picks of one page */
+#define VIEWER_TASKS 8       /* queued saves, picks and profiles of one page */
 #define VIEWER_IMAGE_KINDS 5 /* kinds of images */
 #define VIEWER_IN_FLIGHT 2   /* images that a page has not acknowledged */
 #define VIEWER_QUEUE_MAX 64  /* queued texts for one page */
@@ -76,7 +76,7 @@ struct viewer_page *viewer_page_of(struct viewer *v, uint64_t number);
 /* Takes a free page for a new connection; NULL: none is free. */
 struct viewer_page *viewer_page_open(struct viewer *v);
 void viewer_page_close(struct viewer *v, uint64_t number);
-/* Accepts a message of a page; takes ownership. False: too many are queued. */
+/* Accepts a message of a page; takes ownership. What comes while VIEWER_TASKS wait is refused with a message. False: it is damaged. */
 bool viewer_accept(struct viewer *v, uint64_t number, struct viewer_message *message);
 /* Sends JSON (the reference is dropped) with a file (may be NULL; allocated by malloc, freed here) to a page, which may have gone. */
 void viewer_send(struct viewer *v, uint64_t number, json_t *head, int kind, uint8_t *file, size_t size);

@@ -353,6 +353,29 @@ def _(folder):
             need(len([m for m in seen if m['type'] == 'picture']) < 150, 'old views are drawn')
 
 
+@test('of many saves at once eight are made, the others are refused with a word, and of many profiles the last one comes')
+def _(folder):
+    with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
+        state = page.hello()['state']
+        page.still(state)
+        slow = state | {'settings': state['settings'] | {'msaa': '8'}}
+        page.view(slow)
+        page.until(lambda m: m['type'] == 'picture')
+        for i in range(100, 140):
+            page.send({'type': 'save', 'id': i, 'format': 'exr'})
+        answers = {}
+        while len(answers) < 40:
+            seen = []
+            head, _ = page.until(lambda m: m['type'] in ('file', 'unsaved'), seen)
+            answers[head['id']] = (head['type'], [m['hint'] for m in seen if m['type'] == 'message'])
+        made = [i for i, (kind, _) in answers.items() if kind == 'file']
+        need(8 <= len(made) < 40 and 100 in made, answers)
+        need(all('again' in ' '.join(said) for kind, said in answers.values() if kind == 'unsaved'), answers)
+        for i in range(200, 240):
+            page.send({'type': 'profile', 'id': i, 'medium': {'sigma_a': [0.01, 0.02, 0.03], 'sigma_s_reduced': [1, 1, 1 + i]}})
+        page.until(lambda m: m['type'] == 'profile' and m['id'] == 239)
+
+
 @test('nine pages are one too many; a page that is closed makes room; one that never answers gets two pictures')
 def _(folder):
     with Viewer(folder, *ball(folder)) as viewer:
