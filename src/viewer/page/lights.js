@@ -69,8 +69,10 @@ function slider(label, value, low, high, set, format = (x) => Number(x.toPrecisi
     );
 }
 
-function scaledPower(light, k) {
-    return { ...light, [powers[light.type]]: power(light).map((x) => Number((x * k).toPrecision(9))) };
+// The light in a colour, its strongest channel with this power.
+function colored(light, rgb, strength) {
+    const top = Math.max(...rgb);
+    return { ...light, [powers[light.type]]: rgb.map((x) => (top > 0 ? Number(((strength * x) / top).toPrecision(9)) : 0)) };
 }
 
 function details(index) {
@@ -91,24 +93,20 @@ function details(index) {
             ),
         ];
     const p = polar(light),
-        rgb = power(light),
-        strength = Math.max(...rgb);
+        begun = Math.max(...power(light)) || 1;
+    let strength = begun; // kept while the colour is black
     const out = [];
-    const color = el('input', { type: 'color', id: 'light-color', value: hex(rgb) });
-    const paint = (moving) => {
-        const tint = unhex(color.value),
-            top = Math.max(...tint, 1e-6),
-            s = Math.max(...power(now()));
-        put(index, { ...now(), [powers[light.type]]: tint.map((x) => Number(((s * x) / top).toPrecision(6))) }, moving);
-    };
+    const color = el('input', { type: 'color', id: 'light-color', value: hex(power(light)) });
+    const paint = (moving) => put(index, colored(now(), unhex(color.value), strength), moving);
     color.addEventListener('input', () => paint(true));
     color.addEventListener('change', () => paint(false));
     out.push(el('div', { className: 'field' }, el('label', { htmlFor: 'light-color' }, 'Colour'), color));
     const begin = structuredClone(light);
     out.push(
-        slider('Power, stops', 0, -6, 6, (x, m) =>
-            put(index, { ...scaledPower({ ...now(), [powers[light.type]]: power(begin) }, 2 ** x) }, m),
-        ),
+        slider('Power, stops', 0, -6, 6, (x, m) => {
+            strength = begun * 2 ** x;
+            put(index, colored(now(), power(now()), strength), m);
+        }),
     );
     if (light.type !== 'directional')
         out.push(
@@ -133,7 +131,7 @@ function details(index) {
                 (x) => `× ${Number((2 ** x).toPrecision(2))}`,
             ),
         );
-    if (strength === 0) out.push(el('p', { className: 'note' }, 'This light is off.'));
+    if (Math.max(...power(light)) === 0) out.push(el('p', { className: 'note' }, 'This light is off: choose a colour.'));
     return out;
 }
 
