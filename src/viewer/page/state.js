@@ -82,19 +82,34 @@ function writeAddress() {
     window.history.replaceState(null, '', location.pathname + location.search + hash);
 }
 
-// The initial state, overridden by the address.
+// The initial state, overridden by the address; null: the address holds no view that can be read.
+function addressed() {
+    const out = structuredClone(base);
+    const found = /^#view=([\w=-]+)$/.exec(location.hash);
+    try {
+        const saved = found ? JSON.parse(decode(found[1])) : {};
+        for (const key of Object.keys(base)) if (Object.hasOwn(saved, key)) out[key] = saved[key];
+    } catch {
+        console.info('the address holds no view');
+        return null;
+    }
+    return out;
+}
+
+// A link to another view of this page is opened in it.
+function readAddress() {
+    const next = addressed();
+    const text = next && JSON.stringify(next);
+    if (!next || text === committed) return;
+    history.push(committed);
+    future = [];
+    adopt(text);
+}
+
 export function begin(given) {
     base = { ...structuredClone(state), ...given };
-    Object.assign(state, structuredClone(base));
-    const found = /^#view=([\w=-]+)$/.exec(location.hash);
-    if (found) {
-        try {
-            const saved = JSON.parse(decode(found[1]));
-            for (const key of Object.keys(base)) if (Object.hasOwn(saved, key)) state[key] = saved[key];
-        } catch {
-            console.info('the address holds no view');
-        }
-    }
+    Object.assign(state, addressed() ?? structuredClone(base));
+    addEventListener('hashchange', readAddress);
     committed = JSON.stringify(state);
     history = [];
     future = [];
