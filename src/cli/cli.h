@@ -207,6 +207,9 @@ void cli_finish(struct cli *cli);
 extern const char *const cli_log_levels[], *const cli_progress_forms[];
 /* Whether an option ("--taps") was given on the command line, whatever its value. */
 bool cli_given(const struct cli *cli, const char *option);
+/* The given options that another command takes, too, but for those of the method and the image: [{"name": "size", "value": "70mm"}, ...];
+ * the value is null where an option has none. */
+json_t *cli_given_options(const struct cli *cli, const struct command *other);
 void cli_free_settings(struct settings_list *list);
 PELL_NODISCARD enum pell_result cli_add_setting(struct settings_list *list, const char *name, const char *value, const char *where);
 PELL_NODISCARD enum pell_result cli_append_settings(struct settings_list *to, const struct settings_list *from);
@@ -214,6 +217,11 @@ PELL_NODISCARD enum pell_result cli_append_settings(struct settings_list *to, co
 enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const char *where, char *text);
 /* Formats the knobs of a table whose values are not those of `usual` (NULL: all) as `name=value name=value`. */
 void cli_format_knobs(const struct pell_knob *knobs, const void *values, const void *usual, char *text, size_t size);
+
+/* --- words.c ------------------------------------------------------------------------------------------------------------------ */
+
+/* Records the command line in shell syntax, for metadata. Of a path on this machine only the file name is kept. */
+void cli_keep_command_line(struct cli *cli, int argc, const char **argv);
 
 /* --- parts.c: parts of images and sequences, and the files that hold them --------------------------------------------------------- */
 

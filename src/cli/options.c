@@ -509,6 +509,41 @@ static enum exit_code set_option(struct cli *cli, struct pell_context *ctx, cons
     return code != EXIT_OK ? code : cli_failed(cli, res);
 }
 
+/* {"name", "value"} of an option that was given; null: it has no value. */
+static json_t *given_option(const struct cli *cli, const struct option *o)
+{
+    const char *field = (const char *) cli + o->offset;
+    char text[128];
+
+    return json_pack("{s:s,s:o}", "name", o->name, "value",
+                     o->kind == TEXT     ? cli_text(*(char *const *) (const void *) field)
+                     : o->kind == NUMBER ? json_string(pell_knob_format(o->knob, &cli->numbers, text, sizeof(text)))
+                                         : json_null());
+}
+
+json_t *cli_given_options(const struct cli *cli, const struct command *other)
+{
+    struct option list[MAX_OPTIONS];
+    const size_t n = list_options(cli->command->options, list);
+    struct pell_limits usual;
+    json_t *all = json_array();
+
+    for (size_t i = 0; i < n; i++)
+        if ((list[i].groups & other->options & ~(unsigned) (OPTIONS_ALL | OPTIONS_METHOD)) &&
+            (list[i].kind == TEXT || list[i].kind == FLAG || list[i].kind == NUMBER))
+            for (int k = 0; k < cli->num_given; k++)
+                if (strcmp(cli->given[k], list[i].name) == 0)
+                    json_array_append_new(all, given_option(cli, &list[i]));
+    pell_knobs_default(pell_limit_knobs(), &usual);
+    for (const struct pell_knob *k = pell_limit_knobs(); k->name; k++) {
+        char value[128], other_value[128];
+        if (strcmp(pell_knob_format(k, &cli->limits, value, sizeof(value)),
+                   pell_knob_format(k, &usual, other_value, sizeof(other_value))) != 0)
+            json_array_append_new(all, json_pack("{s:s,s:o}", "name", "limit", "value", json_sprintf("%s=%s", k->name, value)));
+    }
+    return all;
+}
+
 /* --- The command line --------------------------------------------------------------------------------------------------------- */
 
 /* Reports an option that popt refused, with the nearest option as a hint. */
@@ -532,43 +567,6 @@ static enum exit_code refuse(struct cli *cli, const char *bad, int error, const 
                      error == POPT_ERROR_BADOPT  ? "unknown option"
                      : error == POPT_ERROR_NOARG ? "needs a value"
                                                  : poptStrerror(error));
-}
-
-static void add_word(char *line, size_t size, size_t *n, const char *word, size_t length)
-{
-    for (size_t i = 0; i < length && *n + 1 < size; i++)
-        line[(*n)++] = word[i];
-    line[*n] = '\0';
-}
-
-/* Records the command line in shell syntax, for metadata. Of a path on this machine only the file name is kept. */
-static void keep_command_line(struct cli *cli, int argc, const char **argv)
-{
-    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./:=,+-@%#";
-    const size_t size = sizeof(cli->command_line);
-    size_t n = 0;
-
-    add_word(cli->command_line, size, &n, cli->program->name, strlen(cli->program->name));
-    for (int i = 0; i < argc; i++) {
-        const char *equals = argv[i][0] == '-' ? strchr(argv[i], '=') : NULL, *value = equals ? equals + 1 : argv[i], *end, *name;
-        char shown[1024];
-
-        for (end = value + strlen(value); *value == '/' && end > value + 1 && end[-1] == '/'; end--)
-            ;
-        for (name = *value == '/' ? end : value; name > value && name[-1] != '/'; name--)
-            ;
-        snprintf(shown, sizeof(shown), "%.*s%.*s", (int) (value - argv[i] < 256 ? value - argv[i] : 256), argv[i],
-                 (int) (end - name < 512 ? end - name : 512), name);
-        add_word(cli->command_line, size, &n, " ", 1);
-        if (shown[0] && strspn(shown, plain) == strlen(shown)) {
-            add_word(cli->command_line, size, &n, shown, strlen(shown));
-            continue;
-        }
-        add_word(cli->command_line, size, &n, "'", 1);
-        for (const char *c = shown; *c; c++)
-            add_word(cli->command_line, size, &n, *c == '\'' ? "'\\''" : c, *c == '\'' ? 4 : 1);
-        add_word(cli->command_line, size, &n, "'", 1);
-    }
 }
 
 /* Whether an option's value is in fact the next option. */
@@ -666,7 +664,7 @@ enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *don
     pell_knobs_default(number_knobs, &cli->numbers);
     cli->words = argv;
     cli->num_words = argc;
-    keep_command_line(cli, argc, argv);
+    cli_keep_command_line(cli, argc, argv);
     cli->arguments = calloc((size_t) argc + 1, sizeof(*cli->arguments));
     argv = switch_on(&argc, argv, list, n);
     popt = argv ? poptGetContext(cli->program->name, argc, argv, table, 0) : NULL;

@@ -49,10 +49,9 @@ static json_t *begin_state(struct cli *cli, const struct session *s)
     return json_pack("{s:s,s:o,s:o}", "method", s->method ? s->method->name : "none", "knobs", knobs, "settings", settings);
 }
 
-static char *make_hello(struct cli *cli, const struct session *s)
+static json_t *make_hello(struct cli *cli, const struct session *s)
 {
-    json_t *methods = json_array(), *settings = json_array(), *materials = json_array(), *o;
-    char *text;
+    json_t *methods = json_array(), *settings = json_array(), *materials = json_array();
 
     for (size_t i = 0; i < pell_method_count(); i++)
         json_array_append_new(methods, cli_method_json(cli, pell_method_at(i)));
@@ -63,12 +62,22 @@ static char *make_hello(struct cli *cli, const struct session *s)
             json_array_append_new(settings, cli_knob_json(k));
     for (size_t i = 0; i < pell_material_count(); i++)
         json_array_append_new(materials, cli_material_json(pell_material_at(i)));
-    o = json_pack("{s:s,s:s,s:o,s:o,s:o,s:o,s:o,s:i}", "type", "hello", "version", pell_version_string(), "input",
-                  cli_text(pell_path_name(cli->arguments[0])), "methods", methods, "settings", settings, "materials", materials, "state",
-                  begin_state(cli, s), "threads", pell_device_threads(s->device));
-    text = o ? json_dumps(o, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
-    json_decref(o);
-    return text;
+    return json_pack("{s:s,s:s,s:o,s:o,s:o,s:o,s:o,s:o,s:i}", "type", "hello", "version", pell_version_string(), "input",
+                     cli_text(pell_path_name(cli->arguments[0])), "path", cli_text(cli->arguments[0]), "methods", methods, "settings",
+                     settings, "materials", materials, "state", begin_state(cli, s), "threads", pell_device_threads(s->device));
+}
+
+/* The options from which a page makes the command line of its view; "saved": the scene that it saves holds this one. */
+static json_t *begin_options(struct cli *cli, const struct viewer_document *document)
+{
+    json_t *options = cli_given_options(cli, cli_find_command(cli->program, "render")), *o;
+    size_t i;
+
+    if (document->granted && !cli->allow_outside)
+        json_array_append_new(options, json_pack("{s:s,s:n}", "name", "allow-outside", "value"));
+    json_array_foreach(options, i, o)
+        json_object_set_new(o, "saved", json_boolean(viewer_document_holds(document, json_string_value(json_object_get(o, "name")))));
+    return options;
 }
 
 /* --- The command ---------------------------------------------------------------------------------------------------------------------- */
@@ -136,7 +145,7 @@ enum exit_code command_view(struct cli *cli)
     struct pell_load_params params;
     struct session session;
     struct viewer v;
-    char *hello = NULL;
+    json_t *hello = NULL;
     int port = cli->numbers.port;
     enum exit_code code = viewer_find_port(cli, listening(cli), &port); /* before slow work */
 
@@ -163,16 +172,19 @@ enum exit_code command_view(struct cli *cli)
         code = cli_failed(cli, viewer_init(cli, ctx, parsing, &v));
     if (code != EXIT_OK)
         goto fail;
-    v.hello = hello;
-    hello = NULL;
     code = cli_failed(cli, viewer_document_open(ctx, path, &params, cli->size, cli->unit, &document));
+    if (code == EXIT_OK) {
+        json_object_set_new(hello, "options", begin_options(cli, &document));
+        v.hello = json_dumps(hello, JSON_COMPACT | JSON_REAL_PRECISION(9));
+        code = v.hello ? EXIT_OK : EXIT_MEMORY;
+    }
     if (code == EXIT_OK)
         code = serve(cli, &v, &document);
     viewer_document_close(&document);
     viewer_finish(&v);
 
 fail:
-    free(hello);
+    json_decref(hello);
     pell_context_destroy(&ctx);
     pell_context_destroy(&parsing);
     return code;

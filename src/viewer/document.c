@@ -227,6 +227,49 @@ fail:
     return res;
 }
 
+/* Sets a key of every mesh, which may be given as a path alone. */
+static void set_of_meshes(struct viewer_document *d, const char *key, json_t *value)
+{
+    json_t *meshes = json_object_get(d->base, "meshes"), *mesh = json_object_get(d->base, "mesh"), *all, *one;
+    size_t i;
+
+    all = meshes ? json_deep_copy(meshes) : json_pack("[O*]", mesh);
+    if (json_is_string(mesh))
+        json_object_del(d->base, "mesh");
+    json_array_foreach(all, i, one)
+    {
+        json_t *o = json_is_string(one) ? json_pack("{s:O}", "path", one) : json_incref(one);
+        json_object_set(o, key, value);
+        json_array_set_new(all, i, o);
+    }
+    json_object_set_new(d->base, "meshes", all);
+    json_decref(value);
+}
+
+/* Adds the command line's meshes, moment and camera in the form of a scene file. */
+static void pose(struct viewer_document *d, const char *input, const struct pell_load_params *params)
+{
+    const bool own = params->camera && strcmp(params->camera, "scene file") == 0 && json_is_object(json_object_get(d->base, "camera"));
+
+    if (params->up && strcmp(params->up, "z") == 0) {
+        json_object_del(d->base, "mesh");
+        json_object_set_new(d->base, "meshes", json_pack("[{s:s,s:[i,i,i]}]", "path", pell_path_name(input), "rotate_deg", -90, 0, 0));
+    }
+    if (params->normals)
+        set_of_meshes(d, "normals", json_string(params->normals));
+    if (params->thicken_mm > 0.0)
+        set_of_meshes(d, "thicken", length(params->thicken_mm));
+    if (params->animation)
+        json_object_set_new(d->base, "animation", json_string(params->animation));
+    if (params->timed)
+        json_object_set_new(d->base, "time", json_real(params->time));
+    if (params->camera && !own)
+        json_object_set_new(d->base, "camera", json_string(params->camera));
+    d->params.timed = false;
+    d->params.time = d->params.thicken_mm = 0.0;
+    d->params.up = d->params.normals = d->params.animation = d->params.camera = NULL;
+}
+
 /* Adds the command line's sides, lights and background in the form of a scene file. They were validated when the scene was loaded for the
  * command line. */
 static enum pell_result surround(struct viewer_document *d, const char *input, const struct pell_load_params *params)
@@ -236,10 +279,6 @@ static enum pell_result surround(struct viewer_document *d, const char *input, c
     enum pell_result res;
     int studio;
 
-    if (params->up && strcmp(params->up, "z") == 0) {
-        json_object_del(d->base, "mesh");
-        json_object_set_new(d->base, "meshes", json_pack("[{s:s,s:[i,i,i]}]", "path", pell_path_name(input), "rotate_deg", -90, 0, 0));
-    }
     if (params->ground && !json_object_get(d->base, "ground") && !json_object_get(background, "ground"))
         json_object_set_new(d->base, "ground", json_true());
     if (params->from)
@@ -255,7 +294,7 @@ static enum pell_result surround(struct viewer_document *d, const char *input, c
     if (params->background)
         json_object_set_new(d->base, "background", json_string(params->background));
     d->params.ground = false;
-    d->params.up = d->params.from = d->params.studio = d->params.environment = d->params.background = NULL;
+    d->params.from = d->params.studio = d->params.environment = d->params.background = NULL;
     d->params.environment_scale = d->params.environment_rotate_deg = 0.0;
     return PELL_OK;
 
@@ -281,16 +320,23 @@ enum pell_result viewer_document_open(struct pell_context *ctx, const char *path
         out->params.material = NULL;
         json_object_set_new(out->base, "materials", json_pack("{s:{s:s}}", "*", "preset", params->material));
     }
+    pose(out, path, params);
     PELL_TRY(surround(out, path, params));
-    if (params->timed) {
-        out->params.timed = false;
-        json_object_set_new(out->base, "time", json_real(params->time));
-    }
     return PELL_OK;
 
 fail:
     viewer_document_close(out);
     return res;
+}
+
+bool viewer_document_holds(const struct viewer_document *d, const char *option)
+{
+    static const char *const others[] = { "allow-outside", "limit", "engine", "device", "threads" };
+
+    for (size_t i = 0; i < PELL_COUNT(others); i++)
+        if (strcmp(option, others[i]) == 0)
+            return false;
+    return strcmp(option, "material") != 0 || !d->params.material;
 }
 
 void viewer_document_close(struct viewer_document *d)
@@ -347,8 +393,6 @@ static struct pell_load_params params_of(const struct viewer_document *d, const 
 {
     struct pell_load_params params = d->params;
 
-    if (view && view->camera)
-        params.camera = NULL;
     if (view && view->materials)
         params.material = NULL;
     return params;

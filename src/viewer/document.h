@@ -26,6 +26,8 @@ struct viewer_document {
 PELL_NODISCARD enum pell_result viewer_document_open(struct pell_context *ctx, const char *path, const struct pell_load_params *params,
                                                      const char *size, const char *unit, struct viewer_document *out);
 void viewer_document_close(struct viewer_document *d);
+/* Whether a saved scene holds what an option of the command line ("size") says; the others must be given again with it. */
+bool viewer_document_holds(const struct viewer_document *d, const char *option);
 
 /* Records the camera and the lights of the scene loaded from the input alone. */
 PELL_NODISCARD enum pell_result viewer_document_note(struct viewer_document *d, const struct pell_scene *scene);

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 
-from cli_test import sphere, write_obj
+from cli_test import PROGRAM, sphere, write_obj
 from viewer_test import Viewer
 
 SOURCE = pathlib.Path(sys.argv[3]).resolve()
@@ -36,7 +36,8 @@ def main():
         env = os.environ | {'HOME': str(folder), 'XDG_RUNTIME_DIR': str(folder), 'DBUS_SESSION_BUS_ADDRESS': 'disabled:'}
         with Viewer(folder / 'scene', *SCENE) as viewer:
             address = f'http://{viewer.host}:{viewer.port}/?token={viewer.token}'
-            return subprocess.run([node, SOURCE / 'viewer.mjs', chromium, address, *sys.argv[4:]], env=env, check=False).returncode
+            return subprocess.run([node, SOURCE / 'viewer.mjs', chromium, address, PROGRAM, *sys.argv[4:]], cwd=folder / 'scene', env=env,
+                                  check=False).returncode
 
 
 if __name__ == '__main__':

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
-// viewer.mjs CHROMIUM ADDRESS [SHOTS]: operates `pellucid view` like a user, and prints TAP. The scene is a ball of marble on 160 x 90
-// pixels. SHOTS: a folder for screenshots of the page.
+// viewer.mjs CHROMIUM ADDRESS PROGRAM [SHOTS]: operates `pellucid view` like a user, and prints TAP. The scene is a ball of marble on
+// 160 x 90 pixels. SHOTS: a folder for screenshots of the page.
 import { createRequire } from 'node:module';
-import { readFileSync } from 'node:fs';
+import { execFileSync, spawn } from 'node:child_process';
+import { mkdirSync, readFileSync, writeFileSync } from 'node:fs';
+import { dirname, delimiter } from 'node:path';
 
-const [executablePath, address, shots] = process.argv.slice(2);
+const [executablePath, address, program, shots] = process.argv.slice(2);
 const require = createRequire(import.meta.url);
 const { chromium } = require('playwright-core');
 const axe = readFileSync(require.resolve('axe-core/axe.min.js'), 'utf-8');
@@ -32,9 +34,10 @@ const faults = [];
 const requests = [];
 
 // A page, and the views that it sends.
-async function open(width = 1440, colorScheme = 'light', url = address, more = {}) {
+async function open(width = 1440, colorScheme = 'light', url = address, more = {}, before = null) {
   const context = await browser.newContext({ viewport: { width, height: 900 }, colorScheme, reducedMotion: 'reduce', ...more });
   const page = await context.newPage();
+  if (before) await page.addInitScript(before);
   page.sent = [];
   page.cuts = [];
   page.on('console', (m) => {
@@ -305,6 +308,167 @@ test('the scene is saved, the link shows the same view', async () => {
   need(url.includes('#view='), url);
   const other = await open(1440, 'light', url);
   need(differ(await look(page), await look(other)) === 0, 'the link shows another view');
+  await other.context().close();
+});
+
+// The program with other options, below this folder, and its address.
+async function start(...options) {
+  const viewer = spawn(program, ['view', ...options, '--no-open'], { stdio: ['ignore', 'pipe', 'inherit'] });
+  const line = await new Promise((done, fail) => {
+    viewer.stdout.once('data', (text) => done(String(text).trim()));
+    viewer.once('exit', (code) => fail(new Error(`${options.join(' ')} ended with ${code}`)));
+  });
+  return { line, end: () => viewer.kill('SIGINT') };
+}
+
+// Runs a command line as a shell does, and returns the image that it writes.
+function run(command) {
+  execFileSync('sh', ['-c', command], { env: { ...process.env, PATH: dirname(program) + delimiter + process.env.PATH }, stdio: 'pipe' });
+  return readFileSync(/ -o (\S+)$/.exec(command)[1]);
+}
+
+const decoded = (page, png) =>
+  page.evaluate(async (text) => {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const bitmap = await createImageBitmap(new Blob([bytes], { type: 'image/png' }));
+    const context = new OffscreenCanvas(bitmap.width, bitmap.height).getContext('2d');
+    context.drawImage(bitmap, 0, 0);
+    return [bitmap.width, bitmap.height, ...context.getImageData(0, 0, bitmap.width, bitmap.height).data];
+  }, png.toString('base64'));
+
+async function save(page, what) {
+  const waiting = page.waitForEvent('download');
+  await page.click('#save summary');
+  await page.click(`#save-${what}`);
+  return readFileSync(await (await waiting).path());
+}
+
+async function copied(page) {
+  await page.click('#save summary');
+  await page.click('#copy-command');
+  await page.waitForFunction(() => /Command line/.test(document.getElementById('messages').textContent));
+  return page.evaluate(() => navigator.clipboard.readText());
+}
+
+test('the command line that is copied renders what is shown, whatever options the program was started with', async () => {
+  mkdirSync('be low', { recursive: true });
+  writeFileSync('be low/ball.obj', readFileSync('ball.obj'));
+  writeFileSync(
+    'be low/file.json',
+    JSON.stringify({
+      pellucid: 1,
+      mesh: 'ball.obj',
+      size: '30mm',
+      materials: { '*': { preset: 'marble' } },
+      render: { width: 96, height: 54, msaa: 2, method: 'image-space', knobs: { samples: 20 }, bloom: 0.3, stops: 0.5 },
+    }),
+  );
+  const small = ['--width', '96', '--height', '54', '--msaa', '1'];
+  const cases = [
+    ['be low/ball.obj', '--size', '7cm', '--from', '34', '--studio', 'rim', '--background', '#203040', '--ground', ...small],
+    ['be low/ball.obj', '--unit', '2mm', '--normals', 'flat', '--material', 'marble', '--up', 'z', '--threads', '1', ...small],
+    ['be low/file.json', '--studio', 'back', '--from', '20,30'],
+  ];
+  const settings = await page.evaluate(async () => (await import('./state.js')).base.settings);
+  need(settings.width === '160', settings);
+  for (const [i, options] of cases.entries()) {
+    const viewer = await start(...options);
+    const other = await open(1440, 'light', viewer.line, { permissions: ['clipboard-read', 'clipboard-write'] });
+    const compare = async (when) => {
+      const command = await copied(other);
+      need(differ(await decoded(page, await save(other, 'png')), await decoded(page, run(command))) === 0, when, command);
+    };
+    await compare('as it begins');
+    if (i === 2) {
+      // what the file sets is taken back
+      await other.click('#knobs-reset');
+      await tab(other, 'image');
+      for (const name of ['msaa', 'bloom', 'stops']) if (name in last(other).settings) await other.click(`[data-knob="${name}"] .reset`);
+      await finished(other);
+      await compare('with the defaults');
+    }
+    await tab(other, 'material');
+    await other.fill('#material-search', 'ketch');
+    await other.click('.swatch:visible');
+    await finished(other);
+    await compare('with another material');
+    await other.locator('#stage').focus();
+    await other.keyboard.press('2');
+    await finished(other);
+    writeFileSync(`be low/${options[0].includes('file') ? 'file' : 'ball'}-view.json`, await save(other, 'scene'));
+    await compare('from another side');
+    await other.context().close();
+    viewer.end();
+  }
+});
+
+test('without a clipboard the command line is selected in a field', async () => {
+  const other = await open(400, 'light', address, {}, () => Object.defineProperty(navigator, 'clipboard', { value: undefined }));
+  await other.click('#save summary');
+  await other.click('#copy-command');
+  await other.waitForSelector('.message input');
+  const [text, chosen] = await other.evaluate(() => {
+    const { value, selectionStart, selectionEnd } = document.activeElement;
+    return [document.querySelector('.message input').value, value.slice(selectionStart, selectionEnd)];
+  });
+  need(text.startsWith('pellucid render ball.obj') && chosen === text, text, chosen);
+  need(await other.evaluate(() => document.documentElement.scrollWidth <= innerWidth), 'wider than the window');
+  await other.context().close();
+});
+
+test('the power of a light keeps its new colour, and black is no dead end', async () => {
+  const other = await open();
+  await tab(other, 'light');
+  const choose = (id, value) =>
+    other.evaluate(
+      ([at, to]) => {
+        const input = document.getElementById(at);
+        input.value = to;
+        for (const type of ['input', 'change']) input.dispatchEvent(new Event(type));
+      },
+      [id, value],
+    );
+  const radiance = async () => (await finished(other), last(other).lights[0].radiance);
+  await choose('light-color', '#ff0000');
+  const red = await radiance();
+  need(red[0] > 0 && red[1] === 0 && red[2] === 0, red);
+  await choose('light-power--stops', '1000');
+  const more = await radiance();
+  need(Math.abs(more[0] / red[0] - 64) < 1e-3 && more[1] === 0 && more[2] === 0, more, red);
+  await choose('light-color', '#000000');
+  need((await radiance()).every((x) => x === 0), 'black');
+  await choose('light-color', '#0000ff');
+  const blue = await radiance();
+  need(Math.abs(blue[2] / more[0] - 1) < 1e-3 && blue[0] === 0, blue);
+  await other.context().close();
+});
+
+test('a link that is pasted into an open page shows its view there', async () => {
+  const other = await open();
+  const plain = await look(other);
+  await other.locator('#stage').focus();
+  await other.keyboard.press('3');
+  await finished(other);
+  await other.waitForTimeout(500);
+  const turned = await look(other);
+  const link = other.url();
+  const third = await open();
+  const paste = async (url) => {
+    const before = third.sent.length;
+    await third.evaluate((to) => {
+      location.href = to;
+    }, url);
+    for (let i = 0; i < 500 && third.sent.length === before; i++) await third.waitForTimeout(20);
+    await finished(third);
+  };
+  await paste(link);
+  need(differ(turned, await look(third)) === 0, 'the view of the link is not shown');
+  await third.click('#undo');
+  await finished(third);
+  need(differ(plain, await look(third)) === 0, 'undo');
+  await paste(`${address}#view=damaged!`);
+  need((await complaints(third)).length === 0 && differ(plain, await look(third)) === 0, 'a damaged link changes the view');
+  await third.context().close();
   await other.context().close();
 });
 

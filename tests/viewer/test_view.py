@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: MIT
 """test_view.py PROGRAM ROOT: `pellucid view` from outside: access control, messages to a page, and images identical to those of
 `render`."""
+import base64
 import json
 import resource
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import time
 
@@ -31,10 +33,34 @@ def ball(folder):
     return ['ball.obj', '--unit', '1mm', '--material', 'marble', *QUICK]
 
 
-def renders_the_same(folder, page, png, name):
+def write_moving_gltf(path):
+    """A ball of 20 mm that rises by 20 mm in a second, and two cameras."""
+    points, triangles = sphere(radius=0.01)
+    parts = [struct.pack(f'<{3 * len(points)}f', *(x for p in points for x in p)),
+             struct.pack(f'<{3 * len(triangles)}I', *(i for t in triangles for i in t)), struct.pack('<2f', 0, 1),
+             struct.pack('<6f', 0, 0, 0, 0, 0.02, 0)]
+    starts = [sum(len(p) for p in parts[:i]) for i in range(4)]
+    accessors = [(5126, len(points), 'VEC3'), (5125, 3 * len(triangles), 'SCALAR'), (5126, 2, 'SCALAR'), (5126, 2, 'VEC3')]
+    path.write_text(json.dumps({
+        'asset': {'version': '2.0'}, 'buffers': [{'byteLength': sum(map(len, parts)), 'uri': 'data:application/octet-stream;base64,' +
+                                                  base64.b64encode(b''.join(parts)).decode('ascii')}],
+        'bufferViews': [{'buffer': 0, 'byteOffset': start, 'byteLength': len(part)} for start, part in zip(starts, parts)],
+        'accessors': [{'bufferView': i, 'componentType': kind, 'count': count, 'type': of, 'min': [-1] * n, 'max': [1] * n}
+                      for i, (kind, count, of) in enumerate(accessors) for n in [3 if of == 'VEC3' else 1]],
+        'meshes': [{'primitives': [{'attributes': {'POSITION': 0}, 'indices': 1}]}],
+        'cameras': [{'name': n, 'type': 'perspective', 'perspective': {'yfov': 0.5, 'znear': 0.01}} for n in ('left', 'right')],
+        'nodes': [{'mesh': 0}, {'name': 'left', 'camera': 0, 'translation': [-0.01, 0, 0.1]},
+                  {'name': 'right', 'camera': 1, 'translation': [0.02, 0.01, 0.08]}],
+        'scenes': [{'nodes': [0, 1, 2]}], 'scene': 0,
+        'animations': [{'name': 'stay', 'channels': [], 'samplers': []},
+                       {'name': 'rise', 'channels': [{'sampler': 0, 'target': {'node': 0, 'path': 'translation'}}],
+                        'samplers': [{'input': 2, 'output': 3}]}]}))
+
+
+def renders_the_same(folder, page, png, name, *options):
     """The scene that the page saves, rendered by `render`, has the pixels of the page's finished image."""
     (folder / name).write_bytes(page.saved('scene'))
-    works(folder, 'render', name, '-o', f'{name}.png')
+    works(folder, 'render', name, *options, '-o', f'{name}.png')
     need(png_pixels((folder / f'{name}.png').read_bytes()) == png_pixels(png), name, 'renders other pixels:', (folder / name).read_text())
 
 
@@ -250,6 +276,35 @@ def _(folder):
                 state['lights'] = [{'type': 'environment', 'image': str(folder / 'direct-0.png')}] * 2
                 page.view(state)
                 need('absolute path' in page.until(lambda m: m['type'] == 'message')[0]['what'], 'a page may name any file')
+
+
+@test('the options of the command line that the page does not change are in the saved scene, or go with it')
+def _(folder):
+    write_obj(folder / 'egg.obj', *sphere())
+    (folder / 'leaf.obj').write_text('v -20 -10 0\nv 20 -10 0\nv 20 10 0\nv -20 10 5\nf 1 2 3\nf 1 3 4\n')
+    (folder / 'own.json').write_text(json.dumps({'sigma_a': [0.01, 0.1, 0.5], 'sigma_s_reduced': [1.5, 1.2, 1.0], 'eta': 1.4}))
+    (folder / 'two.json').write_text(json.dumps({'pellucid': 1, 'unit': '1mm', 'meshes': ['egg.obj', {'path': 'leaf.obj', 'size': '90mm'}],
+                                                 'camera': {'from': [20, 30, 120], 'fov_deg': 40}}))
+    write_moving_gltf(folder / 'moving.gltf')
+    small = ['--width', '64', '--height', '36', '--threads', '2', '--limit', 'depth=128']
+    cases = [('egg.obj', ['--unit', '1mm', '--normals', 'flat', '--material', 'own.json']),
+             ('leaf.obj', ['--size', '40mm', '--thicken', '0.5mm', '--normals', 'smooth', '--from', '20,30']),
+             ('two.json', ['--thicken', '1mm', '--normals', 'flat', '--background', 'white', '--camera', 'scene file']),
+             ('moving.gltf', ['--time', '0.5', '--animation', 'rise', '--camera', 'right'])]
+    for number, (mesh, options) in enumerate(cases):
+        arguments = [mesh, *QUICK, *small, *options, '--exposure', '0.3', '--white', '1.5']
+        works(folder, 'render', *arguments, '-o', f'direct-{number}.png')
+        with Viewer(folder, *arguments) as viewer, viewer.page() as page:
+            hello = page.hello()
+            need(hello['path'] == mesh, hello['path'])
+            given = [[f'--{o["name"]}', o['value']] for o in hello['options']]
+            listed = {**dict(zip(options[::2], options[1::2])), '--threads': '2', '--limit': 'depth=128'}
+            need(dict(given) == listed and len(given) == len(listed), given, listed)
+            _, png = page.still(hello['state'])
+            need(png_pixels((folder / f'direct-{number}.png').read_bytes()) == png_pixels(png), options, 'shows other pixels')
+            rest = [word for o, pair in zip(hello['options'], given) if not o['saved'] for word in pair]
+            need(set(rest[::2]) == {'--threads', '--limit'} | ({'--material'} if 'own.json' in options else set()), rest)
+            renders_the_same(folder, page, png, f'saved-{number}.json', *rest)
 
 
 @test('every method draws, and one beside another')

@@ -21,7 +21,8 @@ export function download(file, name) {
 
 let numbers = 0;
 
-const text = (value) => (Array.isArray(value) ? value.join(',') : value === true ? 'on' : value === false ? 'off' : String(value));
+export const valueText = (value) =>
+    Array.isArray(value) ? value.join(',') : value === true ? 'on' : value === false ? 'off' : String(value);
 const isOn = (value) => ['on', 'true', 'yes', '1'].includes(value);
 
 // Wide ranges get a logarithmic slider.
@@ -42,7 +43,7 @@ function scaleOf(row) {
 // get() returns the text that is set, or undefined; set(text | undefined, moving).
 export function control(row, get, set, fallback) {
     const id = `knob-${++numbers}`;
-    const usual = () => fallback ?? text(row.default);
+    const usual = () => fallback ?? valueText(row.default);
     const value = () => get() ?? usual();
     const head = el('div', { className: 'head' });
     const box = el('div', { className: 'knob', 'data-knob': row.name }, head);

@@ -5,11 +5,11 @@ import * as camera from './camera.js';
 import * as connection from './connection.js';
 import * as film from './film.js';
 import * as handles from './handles.js';
-import { controls, download, el } from './knobs.js';
+import { controls, download, el, valueText } from './knobs.js';
 import * as lights from './lights.js';
 import * as materials from './materials.js';
 import * as stage from './stage.js';
-import { begin, canRedo, canUndo, changed, message, onChange, redo, state, undo } from './state.js';
+import { base, begin, canRedo, canUndo, changed, message, onChange, redo, state, undo } from './state.js';
 import * as truth from './truth.js';
 
 const $ = (id) => document.getElementById(id);
@@ -244,13 +244,13 @@ function tabs() {
 
 // --- News -------------------------------------------------------------------------------------------------------------------------
 
-function say(level, where, what, hint) {
+function say(level, where, what, hint, field = null) {
     const text = `${where}: ${what}`;
     for (const node of [...$('messages').children]) if (node.dataset.text === text) node.remove();
     const node = el(
         'div',
         { className: `message ${level}`, 'data-text': text },
-        el('div', {}, where ? el('b', {}, `${where}: `) : '', what, hint ? el('div', { className: 'hint' }, hint) : ''),
+        el('div', {}, where ? el('b', {}, `${where}: `) : '', what, field, hint ? el('div', { className: 'hint' }, hint) : ''),
         el('button', { type: 'button', 'aria-label': 'Dismiss', onclick: () => node.remove() }, '×'),
     );
     $('messages').append(node);
@@ -389,19 +389,44 @@ function picked(p) {
 const stem = () => hello.input.replace(/\.[^.]*$/, '');
 const quote = (text) => (/^[\w./:=,+@%-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
 
-// The command that renders this view; settings without an option are in the saved scene.
+// What was taken back to its default, though the scene file sets it, must be said.
+const said = (now, before, rows, usual = () => undefined) => ({
+    ...Object.fromEntries(rows.filter((r) => r.name in before).map((r) => [r.name, usual(r) ?? valueText(r.default)])),
+    ...now,
+});
+
+const savedName = () => `${hello.path.slice(0, hello.path.length - hello.input.length)}${stem()}-view.json`;
+const mustBeSaved = (preset) => Boolean(state.camera || state.lights || (state.materials && !preset) || state.time !== null);
+const chosenPreset = () =>
+    state.materials && Object.keys(state.materials).length === 1 ? state.materials['*']?.preset : undefined;
+
+// The method, its knobs and the settings; exposure and white as they were measured for this view.
+function look() {
+    const knobs = methodRow(state.method)?.knobs ?? [];
+    const before = state.method === base.method ? base.knobs : {};
+    const settings = said(state.settings, base.settings, hello.settings);
+    const head = stage.picture(stage.KINDS.A)?.head;
+    for (const key of ['exposure', 'white']) if (!(Number(settings[key]) > 0) && head?.[key] > 0) settings[key] = String(head[key]);
+    return [
+        ['-m', state.method],
+        ...Object.entries(said(state.knobs, before, knobs, usual(() => state.knobs))).map(([key, value]) => ['--set', `${key}=${value}`]),
+        ...Object.entries(settings).map(([key, value]) => [`--${key}`, value]),
+    ];
+}
+
+// The command that renders this view. What no option can say is in the saved scene.
 function command() {
-    const words = ['pellucid', 'render'];
-    const preset = state.materials && Object.keys(state.materials).length === 1 ? state.materials['*']?.preset : undefined;
-    const saved = state.camera || state.lights || (state.materials && !preset) || state.time !== null;
-    words.push(saved ? `${stem()}-view.json` : hello.input);
-    if (saved) return [...words, '-o', `${stem()}.png`].map(quote).join(' ');
-    for (const key of ['size', 'unit']) if (facts?.[key]) words.push(`--${key}`, facts[key]);
-    const material = preset ?? facts?.said?.['*']?.preset;
-    if (material) words.push('--material', material);
-    words.push('-m', state.method);
-    for (const [key, value] of Object.entries(state.knobs)) words.push('--set', `${key}=${value}`);
-    for (const [key, value] of Object.entries(state.settings)) words.push(`--${key}`, value);
+    const preset = chosenPreset();
+    const saved = mustBeSaved(preset);
+    const options = hello.options.filter((o) => !(saved && o.saved) && !(state.materials && o.name === 'material'));
+    const words = [
+        'pellucid',
+        'render',
+        saved ? savedName() : hello.path,
+        ...options.flatMap((o) => (o.value === null ? [`--${o.name}`] : [`--${o.name}`, o.value])),
+        ...(preset && !saved ? ['--material', preset] : []),
+        ...(saved ? [] : look().flat()),
+    ];
     return [...words, '-o', `${stem()}.png`].map(quote).join(' ');
 }
 
@@ -422,9 +447,23 @@ function turntable() {
     );
 }
 
-async function copy(text, what) {
-    await navigator.clipboard.writeText(text);
-    say('', '', `${what} copied: ${text}`, '');
+// Browsers give no clipboard to pages of other machines without encryption, and may refuse it elsewhere: then the text can be copied by
+// hand.
+async function copy(text, what, hint = '') {
+    try {
+        await navigator.clipboard.writeText(text);
+        say('', '', `${what} copied: ${text}`, hint);
+    } catch {
+        const field = el('input', { type: 'text', className: 'copy', readOnly: true, value: text, 'aria-label': what });
+        say('', '', `${what}: the browser gives no access to the clipboard. Ctrl+C copies it:`, hint, field);
+        field.focus();
+        field.select();
+    }
+}
+
+function copyCommand() {
+    const hint = mustBeSaved(chosenPreset()) ? `It renders the scene that Save, Scene stores: keep it as ${savedName()}.` : '';
+    copy(command(), 'Command line', hint);
 }
 
 function menu() {
@@ -442,7 +481,7 @@ function menu() {
     });
     item('save-film', turntable);
     item('save-report', () => connection.ask({ type: 'save', format: 'report' }));
-    item('copy-command', () => copy(command(), 'Command line'));
+    item('copy-command', copyCommand);
     item('copy-link', () => copy(location.href, 'Link'));
     $('undo').addEventListener('click', undo);
     $('redo').addEventListener('click', redo);
