@@ -11,6 +11,7 @@
 #include <strings.h>
 #include <sys/random.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 bool viewer_token_make(char token[VIEWER_TOKEN + 1])
@@ -46,12 +47,16 @@ static int write_token(const char *path, const char *token)
 enum pell_result viewer_token_keep(struct pell_context *ctx, const char *path, char token[VIEWER_TOKEN + 1])
 {
     char line[VIEWER_TOKEN + 3] = "";
+    struct stat about = { 0 };
     const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     const int missing = fd < 0 ? errno : 0;
     ssize_t size;
     int error;
 
     if (fd >= 0) {
+        if (fstat(fd, &about) == 0 && (about.st_mode & (S_IRWXG | S_IRWXO)))
+            pell_warn(ctx, path, "chmod 600 makes it private; a new token, if the file is removed, shuts out those who have read it",
+                      "other users of this machine may read the token: its permissions are %04o", (unsigned) about.st_mode & 07777u);
         size = read(fd, line, sizeof(line) - 1);
         close(fd);
         if (size > 0 && line[size - 1] == '\n')

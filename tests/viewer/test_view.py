@@ -578,6 +578,15 @@ def _(folder):
     need((folder / 'token').read_text() == f'{token}\n' and (folder / 'token').stat().st_mode & 0o777 == 0o600, 'the file of the token')
     with Viewer(folder, *arguments, '--port', str(port)) as viewer, viewer.page(token=token) as page:
         page.hello()
+    (folder / 'token').chmod(0o644)
+    with Viewer(folder, *arguments) as viewer:
+        need(viewer.token == token, 'another token')
+        viewer.end()
+        need(b'0644' in (said := viewer.process.stderr.read()) and b'chmod 600' in said, said)
+    (folder / 'token').chmod(0o600)
+    with Viewer(folder, *arguments) as viewer:
+        viewer.end()
+        need(b'chmod' not in (said := viewer.process.stderr.read()), said)
     for wrong in ('', 'secret\n', 'g' * 32, 'a' * 33):
         (folder / 'token').write_text(wrong)
         done = run(folder, 'view', *arguments)
