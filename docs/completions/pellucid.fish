@@ -312,6 +312,7 @@ complete -c pellucid -n '__fish_seen_subcommand_from view' -l ground -d 'put the
 complete -c pellucid -n '__fish_seen_subcommand_from view' -l port -x -d 'TCP port of the page; 0: any free port; 0 to 65535, default 0'
 complete -c pellucid -n '__fish_seen_subcommand_from view' -l listen -x -d 'network address that the page is served on, for other machines; default: 127.0.0.1, reachable only from this machine'
 complete -c pellucid -n '__fish_seen_subcommand_from view' -l token-file -r -F -d 'file that stores the token, created if missing. With it and --port, open pages reconnect when the program is restarted'
+complete -c pellucid -n '__fish_seen_subcommand_from view' -l end-after -x -d 'end when no page has been open for this time: 8h; default: 10min, and 1h before the first page'
 complete -c pellucid -n '__fish_seen_subcommand_from view' -l no-open -d 'print the address without opening a browser'
 complete -c pellucid -n '__fish_seen_subcommand_from view' -l engine -x -a 'auto cpu vulkan' -d 'compute engine: auto, cpu or vulkan'
 complete -c pellucid -n '__fish_seen_subcommand_from view' -l device -x -d 'Vulkan device, by its number in `pellucid info` or a part of its name'

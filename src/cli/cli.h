@@ -57,6 +57,9 @@ struct program {
     const char *start;        /* lines of --help below the commands, or "" */
     const struct command *commands;
     size_t num_commands;
+    struct absent_command {
+        const char *name, *what, *hint;
+    } absent;                               /* a command that this build lacks, and why; {NULL}: none */
     struct pell_communicator *communicator; /* set if the process is one of several that render together; NULL: alone */
 };
 
@@ -115,7 +118,7 @@ struct cli {
         char *cross_section, *line, *layers_of, *down_to;
     } check;
     struct {
-        char *listen, *token_file;
+        char *listen, *token_file, *end_after;
         bool no_open;
     } view;
     struct {

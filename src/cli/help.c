@@ -168,6 +168,8 @@ enum exit_code cli_unknown_command(struct cli *cli, const char *name, bool help)
     size_t count = 0;
     char head[64];
 
+    if (program->absent.name && strcmp(program->absent.name, name) == 0)
+        return cli_usage(cli, name, program->absent.hint, "%s", program->absent.what);
     for (size_t i = 0; i < program->num_commands && count < MOST; i++)
         names[count++] = program->commands[i].name;
     for (const struct topic *t = cli_topics; help && t->name && count < MOST; t++)

@@ -121,7 +121,7 @@ static const struct command commands[] = {
       "\n"
       "The page is served to this machine only, and requires the token in its address. From another machine use ssh -L, or --listen. With "
       "--port and --token-file, pages reconnect after a restart. Files of the scene are reloaded when they change. The program ends at "
-      "Ctrl-C, or after ten minutes without a page.\n",
+      "Ctrl-C, after ten minutes without a page, or after an hour if none has come: --end-after sets another time.\n",
       "  pellucid view bunny.obj --material wholemilk --size 70mm\n"
       "  pellucid view scene.json --no-open --port 8000\n"
       "  pellucid view scene.json --port 8000 --token-file viewer-token\n",
@@ -142,6 +142,10 @@ int main(int argc, char **argv)
                  "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n",
         .commands = commands,
         .num_commands = PELL_COUNT(commands),
+#ifndef PELL_VIEWER
+        .absent = { "view", "this build has no viewer: it was made without libwebsockets, or with -Dviewer=disabled",
+                    "install libwebsockets-dev (libwebsockets-devel), and build with -Dviewer=enabled" },
+#endif
     };
 
     return cli_main(&program, argc, argv);

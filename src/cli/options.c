@@ -223,6 +223,8 @@ static const struct option options[] = {
     { OPTIONS_VIEW, 0, "token-file", "FILE",
       "file that stores the token, created if missing. With it and --port, open pages reconnect when the program is restarted", TEXT,
       AT(view.token_file), NULL },
+    { OPTIONS_VIEW, 0, "end-after", "TIME",
+      "end when no page has been open for this time: 8h; default: 10min, and 1h before the first page", TEXT, AT(view.end_after), NULL },
     { OPTIONS_VIEW, 0, "no-open", NULL, "print the address without opening a browser", FLAG, AT(view.no_open), NULL },
     { OPTIONS_ENGINE, 0, "engine", "NAME", "compute engine: auto, cpu or vulkan", TEXT, AT(engine), NULL },
     { OPTIONS_ENGINE, 0, "device", "N|NAME", "Vulkan device, by its number in `pellucid info` or a part of its name", TEXT, AT(device),

@@ -105,10 +105,12 @@ static const char *listening(const struct cli *cli)
     return cli->view.listen ? cli->view.listen : "127.0.0.1";
 }
 
-static enum exit_code serve(struct cli *cli, struct viewer *v, struct viewer_document *document)
+static enum exit_code serve(struct cli *cli, struct viewer *v, struct viewer_document *document, double end_after)
 {
     struct pell_device_params params = { .threads = cli->numbers.threads, .vulkan_device = cli->device, .vulkan_shaders = cli_shaders() };
-    struct viewer_server_params server = { .address = listening(cli), .port = cli->numbers.port, .open = !cli->view.no_open };
+    struct viewer_server_params server = {
+        .address = listening(cli), .port = cli->numbers.port, .open = !cli->view.no_open, .end_after = end_after
+    };
     struct pell_device *device = NULL;
     struct viewer_worker *worker = NULL;
     char *folder = pell_path_folder(cli->ctx, cli->arguments[0]);
@@ -147,8 +149,11 @@ enum exit_code command_view(struct cli *cli)
     struct viewer v;
     json_t *hello = NULL;
     int port = cli->numbers.port;
+    double end_after = 0.0;
     enum exit_code code = viewer_find_port(cli, listening(cli), &port); /* before slow work */
 
+    if (code == EXIT_OK && cli->view.end_after)
+        code = cli_parse_seconds(cli, "--end-after", cli->view.end_after, &end_after);
     if (code != EXIT_OK)
         return code;
     code = session_read(cli, path, &session); /* errors at the start are printed in the terminal */
@@ -179,7 +184,7 @@ enum exit_code command_view(struct cli *cli)
         code = v.hello ? EXIT_OK : EXIT_MEMORY;
     }
     if (code == EXIT_OK)
-        code = serve(cli, &v, &document);
+        code = serve(cli, &v, &document, end_after);
     viewer_document_close(&document);
     viewer_finish(&v);
 

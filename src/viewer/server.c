@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 #define ALONE_SECONDS 600.0 /* after the last page has been closed */
+#define FIRST_SECONDS 3600  /* for the first page: its user may have to log in from another machine */
 #define SETTLE_US 150000    /* a program that writes a file may write others right after */
 #define TICK_US 250000      /* longest delay until Ctrl-C is noticed */
 #define WATCHED_MOST 256    /* folders */
@@ -573,6 +574,17 @@ static enum exit_code listen_at(struct server *s)
     return EXIT_OK;
 }
 
+/* Nobody looks at it any more. */
+static bool has_been_left(const struct server *s)
+{
+    const double most = s->params->end_after > 0.0 ? s->params->end_after : s->visited ? ALONE_SECONDS : FIRST_SECONDS;
+
+    if (s->pages > 0 || pell_seconds() - s->empty_since <= most)
+        return false;
+    pell_info(s->v->cli->ctx, "viewer", "ends: no page has been open for %.0f s; --end-after sets another time", most);
+    return true;
+}
+
 enum exit_code viewer_serve(struct viewer *v, const struct viewer_server_params *params)
 {
     struct server s = { .v = v, .params = params };
@@ -587,8 +599,9 @@ enum exit_code viewer_serve(struct viewer *v, const struct viewer_server_params 
     watch(&s);
     on_tick(&s.tick);
     code = print_address(&s);
+    s.empty_since = pell_seconds();
     while (code == EXIT_OK && !pell_cancelled(v->cli->ctx) && lws_service(s.lws, 0) >= 0)
-        if (s.visited && s.pages == 0 && pell_seconds() - s.empty_since > ALONE_SECONDS)
+        if (has_been_left(&s))
             break;
     pthread_mutex_lock(&v->lock);
     v->notify = NULL;

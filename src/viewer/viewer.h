@@ -136,11 +136,12 @@ struct viewer_server_params {
     const char *folder;  /* folder whose files are watched, */
     const char *shaders; /* and a folder of shaders to watch; NULL: none */
     const char *token;   /* required of pages */
+    double end_after;    /* seconds without a page until it ends; 0: ten minutes, or an hour before the first */
 };
 
 /* EXIT_OK if a server can listen; the obstacle is logged. *port 0 is replaced by a free one. */
 enum exit_code viewer_find_port(struct cli *cli, const char *address, int *port);
-/* Serves pages until Ctrl-C, or until none has been open for a while. */
+/* Serves pages until Ctrl-C, or until none has been open for a while, which is said. */
 enum exit_code viewer_serve(struct viewer *v, const struct viewer_server_params *params);
 
 /* Room before viewer_outgoing.bytes. */

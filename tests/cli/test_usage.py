@@ -13,7 +13,7 @@ import subprocess
 import sys
 import termios
 
-from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite, main, names, need, one_object, png_pixels,
+from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, Skip, clean_environment, finite, main, names, need, one_object, png_pixels,
                       release_only, run, sphere, test, text, works, write_obj, write_scene)
 from viewer_test import Viewer
 
@@ -255,6 +255,15 @@ def _(folder):
                               (['5%', '--engine', 'vulkan'], 4, 'path-trace, which runs only on the engine cpu')):
         done = run(folder, 'render', 'no.obj', '--max-error', *given)
         need(done.returncode == code and told in text(done.stderr) and 'no.obj' not in text(done.stderr), given, done)
+
+
+@test('a build without the viewer says so, and how to get it')
+def _(folder):
+    if b'  view ' in works(folder, '--help').stdout:
+        raise Skip('this build has the viewer')
+    for words in (['view'], ['view', 'ball.obj'], ['help', 'view']):
+        done = run(folder, *words)
+        need(done.returncode == 2 and b'no viewer' in done.stderr and b'libwebsockets-dev' in done.stderr, words, done)
 
 
 @test('no command at all: the usage on stderr, exit 2')

@@ -615,6 +615,22 @@ def _(folder):
             need(abs(got - numbers[test_]['flip']) < 1e-6, test_, got, numbers[test_]['flip'])
 
 
+@test('it ends by itself when no page is open for a while, whether one has come or not, and not while one is open')
+def _(folder):
+    for come in (False, True):
+        with Viewer(folder, *ball(folder), '--end-after', '1.5s') as viewer:
+            if come:
+                with viewer.page() as page:
+                    page.hello()
+                    time.sleep(3.0)
+                    page.still(BEGIN)
+            need(viewer.process.wait(PATIENCE) == 0, come)
+            need(b'--end-after' in (said := viewer.process.stderr.read()), come, said)
+    for wrong in ('5', 'soon', '0s'):
+        done = run(folder, 'view', 'nothing.obj', '--no-open', '--end-after', wrong)
+        need(done.returncode == 2 and b'--end-after' in done.stderr and b'nothing.obj' not in done.stderr, wrong, done)
+
+
 @test('at rest it takes no time; Ctrl-C ends it, also while it renders')
 def _(folder):
     with Viewer(folder, *ball(folder)) as viewer:
