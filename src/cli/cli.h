@@ -23,7 +23,7 @@ enum exit_code {
     EXIT_INPUT = 3,
     EXIT_DEVICE = 4,
     EXIT_MEMORY = 5,
-    EXIT_RESUMABLE = 75, /* a time limit or SIGTERM ended the run, and its checkpoint holds what is done */
+    EXIT_RESUMABLE = 75, /* a time limit, SIGTERM or SIGHUP ended the run, and its checkpoint holds what is done */
     EXIT_INTERRUPTED = 130,
 };
 
@@ -185,9 +185,9 @@ int cli_main(const struct program *program, int argc, char **argv);
 
 /* --- signals.c ---------------------------------------------------------------------------------------------------------------- */
 
-/* Whether SIGTERM has arrived: a batch system ends the job. */
+/* Whether SIGTERM or SIGHUP has arrived: a batch system ends the job, or the terminal is closed. */
 bool cli_terminated(void);
-/* Exit code after an interruption: EXIT_RESUMABLE after SIGTERM if a checkpoint exists to resume from, even an empty one. */
+/* Exit code after an interruption: EXIT_RESUMABLE after SIGTERM or SIGHUP if a checkpoint exists to resume from, even an empty one. */
 enum exit_code cli_interrupted(const struct cli *cli);
 /* From here to the end of the command, a signal cancels its work. If cancelling takes long (a library builds a large structure) and no file
  * is half-written, the process exits by itself. A second signal ends it at once. */

@@ -47,7 +47,7 @@ void cli_print_usage(const struct program *program, FILE *file)
     cli_wrap(
         file, 0, 0,
         "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available, 5 out of memory, 75 ended by a time "
-        "limit or SIGTERM and resumable, 130 interrupted.");
+        "limit, SIGTERM or SIGHUP and resumable, 130 interrupted.");
 }
 
 const struct command *cli_find_command(const struct program *program, const char *name)

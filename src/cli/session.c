@@ -382,6 +382,25 @@ static enum exit_code load(struct cli *cli, const char *path, const double *time
     return code;
 }
 
+/* --bounces with a method that counts bounces by a knob of its own. */
+static void warn_of_bounces(struct cli *cli, const struct pell_method *method)
+{
+    char hint[64];
+
+    if (!method || !pell_knob_find(method->knobs, "bounces"))
+        return;
+    for (size_t i = 0; i < cli->knobs.count; i++)
+        if (strcmp(cli->knobs.items[i].name, "bounces") == 0)
+            return;
+    for (size_t i = 0; i < cli->settings.count; i++) {
+        if (strcmp(cli->settings.items[i].name, "bounces") != 0)
+            continue;
+        snprintf(hint, sizeof(hint), "--set bounces=%.40s", cli->settings.items[i].value);
+        pell_warn(cli->ctx, "--bounces", hint, "has no effect on method %s, which has a knob of that name", method->name);
+        return;
+    }
+}
+
 /* Applies the scene file's options, then those of the command line, which override them. */
 static enum exit_code configure(struct cli *cli, struct session *s)
 {
@@ -406,6 +425,8 @@ static enum exit_code configure(struct cli *cli, struct session *s)
         code = choose_method(cli, &method, &knobs, &common, &s->method, &s->knobs);
     if (code == EXIT_OK)
         code = apply_settings(cli, &settings, s->method, s->knobs, &s->settings);
+    if (code == EXIT_OK)
+        warn_of_bounces(cli, s->method);
     cli_free_settings(&settings);
     cli_free_settings(&knobs);
     cli_free_settings(&common);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * signals.c - handling of Ctrl-C and SIGTERM: cancel the work, and end the process if that takes long. */
+ * signals.c - handling of Ctrl-C, SIGTERM and SIGHUP: cancel the work, and end the process if that takes long. */
 #include "cli/cli.h"
 
 #include "base/file.h"
@@ -85,8 +85,10 @@ static void on_signal(int signal)
 {
     static const struct itimerspec late = { .it_value = { .tv_nsec = LATE_NS }, .it_interval = { .tv_nsec = AGAIN_NS } };
 
-    if (signal == SIGTERM)
+    if (signal != SIGINT)
         terminated = 1;
+    if (interruptions && signal == SIGHUP)
+        return; /* the system and the shell both send it when a terminal is closed */
     if (interruptions)
         _exit(EXIT_INTERRUPTED);
     interruptions = 1;
@@ -121,6 +123,7 @@ void cli_signals_begin(struct cli *cli)
         timer_there = timer_create(CLOCK_MONOTONIC, &event, &timer) == 0;
     catch_signal(SIGINT);
     catch_signal(SIGTERM);
+    catch_signal(SIGHUP);
 }
 
 void cli_signals_end(void)

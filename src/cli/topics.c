@@ -11,7 +11,7 @@ static const struct topic_row exit_codes[] = {
       "error." },
     { "4", "The requested engine or device is not available." },
     { "5", "Out of memory, or over the limit memory-bytes." },
-    { "75", "Ended by a time limit or SIGTERM, and resumable from its checkpoint." },
+    { "75", "Ended by a time limit, SIGTERM or SIGHUP, and resumable from its checkpoint." },
     { "130", "Interrupted (Ctrl-C). Nothing half-written is left; a second Ctrl-C stops at once." },
     { NULL, NULL },
 };

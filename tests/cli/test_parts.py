@@ -171,14 +171,14 @@ def _(folder):
         subprocess.run(['umount', folder / 'disk'], check=False)
 
 
-@test('a time limit and SIGTERM end with 75, the same command goes on; Ctrl-C with 130')
+@test('a time limit, SIGTERM and SIGHUP end with 75, the same command goes on; Ctrl-C with 130')
 def _(folder):
     done = run(folder, *TRACE, '--samples', '100000', '--time-limit', '300ms', '--sample-range', '0/2', '--checkpoint', 'a.ckpt', '--json')
     need(done.returncode == 75 and one_object(done)['resumable'] is True and one_object(done)['image'] is None, done.returncode,
          done.stdout)
     done = run(folder, *TRACE, '--samples', '100000', '--time-limit', '300ms', '-o', 'b.pfm')
     need(done.returncode == 0, 'without a checkpoint a time limit is an end as any', done.returncode)
-    for number, code, threads in ((signal.SIGTERM, 75, '2'), (signal.SIGINT, 130, '1')):
+    for number, code, threads in ((signal.SIGTERM, 75, '2'), (signal.SIGHUP, 75, '2'), (signal.SIGINT, 130, '1')):
         child = subprocess.Popen([PROGRAM, *TRACE, '--samples', '100000000', '--checkpoint', 'c.ckpt', '-o', 'c.pfm', '--progress', 'json',
                                   '--threads', threads], cwd=folder, env=clean_environment(), stderr=subprocess.PIPE,
                                  preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
@@ -197,6 +197,10 @@ def _(folder):
     done = works(folder, *TRACE, '--samples', '4', '--checkpoint', 'c.ckpt', '-o', 'c.pfm')
     need(b'--samples' in done.stderr and b'the image has their noise' in done.stderr, done.stderr)
     works(folder, *TRACE, '--samples', '8', '--checkpoint', 'd.ckpt', '-o', 'd.pfm')
+    done = works(folder, *TRACE, '--samples', '4', '--checkpoint', 'd.ckpt', '-o', 'd4.pfm')
+    need(b'8 samples per pixel are in the checkpoint already, 4 were asked for: none is added' in done.stderr, done.stderr)
+    same(folder, 'd.pfm', 'd4.pfm')
+    need(b'already' not in works(folder, *TRACE, '--samples', '16', '--checkpoint', 'd.ckpt', '-o', 'd.pfm').stderr)
     need(not [n for n in names(folder) if n.endswith('.lock')], names(folder))
     child = subprocess.Popen([PROGRAM, *TRACE, '--width', '2000', '--height', '1500', '--samples', '100000000', '--checkpoint', 'e.ckpt',
                               '-o', 'e.pfm'], cwd=folder, env=clean_environment(), stderr=subprocess.PIPE)

@@ -282,6 +282,9 @@ static void report(struct pt_state *st, const struct pt_run *run)
     if (run->film->count > 0 && now.samples > st->before.samples)
         pell_info(st->ctx, "path-trace", "%.0f samples per pixel%s; %.0f scatterings and %.1f rays a sample", (double) st->made, error,
                   (double) (now.scatterings - st->before.scatterings) / samples, (double) (now.rays - st->before.rays) / samples);
+    if (run->film->count > 0 && st->services->checkpoint && !pt_merges(st) && now.samples == st->before.samples)
+        pell_info(st->ctx, "path-trace", "%.0f samples per pixel are in the checkpoint already, %d were asked for: none is added",
+                  (double) st->made, st->knobs.samples > 0 ? st->knobs.samples : DEFAULT_SAMPLES);
     snprintf(hint, sizeof(hint), "--samples %.0f", fmin(st->most * films, PT_MAX_SAMPLES));
     if (st->most > UNEVEN * (double) st->fewest && !pell_context_interrupted(st->ctx))
         pell_warn(st->ctx, "path-trace", hint, "one multisample has %u samples, others end with %u: the image has their noise", st->most,
