@@ -213,6 +213,7 @@ struct pell_scene {
 
     /* private */
     bool animated;                           /* a file has animations, or an image belongs to a sequence */
+    char *vanished;                          /* the first node whose scale is 0, so that meshes were left out; NULL: none */
     bool from_file;                          /* invalid values come from a file, not from the caller */
     size_t capacity[6];                      /* of the arrays above */
     int64_t total_vertices, total_triangles; /* allocated so far, against the limits */

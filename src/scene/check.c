@@ -567,7 +567,10 @@ enum pell_result pell_scene_check(const struct pell_scene *scene, struct pell_sc
     }
     if (pell_cancelled(scene->ctx))
         return PELL_ERR_CANCELLED;
-    if (!pell_scene_bounds(scene, report->bounds_min, report->bounds_max))
+    if (scene->animated && scene->num_meshes == (scene->ground_mesh >= 0 ? 1 : 0)) { /* pell_scene_check_extent */
+        memcpy(report->bounds_min, scene->bounds_min, sizeof(report->bounds_min));
+        memcpy(report->bounds_max, scene->bounds_max, sizeof(report->bounds_max));
+    } else if (!pell_scene_bounds(scene, report->bounds_min, report->bounds_max))
         return pell_cancelled(scene->ctx)
                    ? PELL_ERR_CANCELLED
                    : pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "the scene has no triangles, or not finite ones");

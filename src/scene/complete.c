@@ -10,9 +10,7 @@
 
 #define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay well within a float's range */
 #define SMALLEST_PICTURE 1e-6f   /* mm, extent of an orthographic view: a nanometre */
-#define SMALLEST_EXTENT 5e-4f    /* mm, extent of a scene: half a micrometre */
 #define LARGEST_THICKNESS 1e5f   /* mm */
-#define COARSEST 1e-3f           /* of the scene's extent: the largest spacing of floats that still represents the shape */
 #define NO_LENGTH 1e-30f         /* shorter vectors have no direction: their inverse length would overflow */
 
 #define PARTS_TRIED 1000 /* parts of an object whose boxes are compared */
@@ -122,31 +120,6 @@ static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
     if (bad)
         pell_warn(scene->ctx, where.str, NULL, "%zu texture coordinates, colours or tangents are not finite and count as 0", bad);
     return pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
-}
-
-bool pell_scene_bounds(const struct pell_scene *scene, float *min, float *max)
-{
-    bool any = false, finite = true;
-
-    for (int c = 0; c < 3; c++) {
-        min[c] = INFINITY;
-        max[c] = -INFINITY;
-    }
-    for (size_t k = 0; k < scene->num_meshes; k++) {
-        const struct pell_mesh *m = &scene->meshes[k];
-        if ((int) k == scene->ground_mesh)
-            continue;
-        any |= m->num_triangles > 0;
-        for (size_t i = 0; i < 3 * (size_t) m->num_triangles && !pell_cancelled_at(scene->ctx, i); i++)
-            for (int c = 0; c < 3 && m->index[i] < m->num_vertices; c++) {
-                const float x = m->position[3 * (size_t) m->index[i] + c];
-                min[c] = x < min[c] ? x : min[c];
-                max[c] = x > max[c] ? x : max[c];
-            }
-    }
-    for (int c = 0; c < 3; c++)
-        finite &= isfinite(min[c]) && isfinite(max[c]) && isfinite(max[c] - min[c]);
-    return any && finite;
 }
 
 bool pell_scene_has_area(const struct pell_scene *scene)
@@ -567,31 +540,6 @@ fail:
     return res;
 }
 
-static enum pell_result check_size(struct pell_scene *scene)
-{
-    const float *min = scene->bounds_min, *max = scene->bounds_max;
-    const float extent = fmaxf(max[0] - min[0], fmaxf(max[1] - min[1], max[2] - min[2]));
-    float farthest = 0.0f;
-
-    if (extent > 0.0f && extent < SMALLEST_EXTENT)
-        return pell_error(scene->ctx, scene->from_file ? PELL_ERR_FORMAT : PELL_ERR_INVALID, scene->path,
-                          "--size 70mm: the largest extent; --unit 1mm: what one unit is",
-                          "the largest extent is %.3g mm, allowed: %g mm or more: objects smaller than a wavelength of light cast no "
-                          "shadow",
-                          (double) extent, (double) SMALLEST_EXTENT);
-    if (extent < 0.1f || extent > 1e5f)
-        pell_warn(scene->ctx, scene->path, "is the unit or size right? --size 70mm: the largest extent; --unit 1mm: what one unit is",
-                  "the largest extent is %g mm, which is %s for a translucent object", (double) extent, extent < 0.1f ? "tiny" : "huge");
-    for (int c = 0; c < 3; c++)
-        farthest = fmaxf(farthest, fmaxf(fabsf(min[c]), fabsf(max[c])));
-    if (farthest * FLT_EPSILON > COARSEST * extent)
-        pell_warn(
-            scene->ctx, scene->path, "move it to the origin in the program that it comes from",
-            "the scene lies up to %g mm from the origin, but is %.3g mm large: coordinates are rounded to %.2g mm, and its shape is lost",
-            (double) farthest, (double) extent, (double) (farthest * FLT_EPSILON));
-    return PELL_OK;
-}
-
 enum pell_result pell_scene_check_view(struct pell_scene *scene)
 {
     enum pell_result res = PELL_OK;
@@ -650,12 +598,7 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
     for (size_t i = 0; i < scene->num_materials; i++)
         PELL_TRY(check_material(scene, &scene->materials[i]));
     PELL_TRY(pell_scene_check_view(scene));
-    if (!pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) {
-        res = pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED
-                                         : pell_error(scene->ctx, PELL_ERR_FORMAT, scene->path, NULL, "holds no triangles");
-        goto fail;
-    }
-    PELL_TRY(check_size(scene));
+    PELL_TRY(pell_scene_check_extent(scene, params));
     PELL_TRY(pell_join_touching(scene, params->bare));
     PELL_TRY(complete_objects(scene, params->bare));
     for (size_t i = 0; i < scene->num_meshes; i++)

@@ -132,7 +132,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
     if (params->camera)
         PELL_TRY(pell_scene_choose_camera(scene, "--camera", params->camera, PELL_ERR_INVALID));
     PELL_TRY(pell_scene_finish(scene, params, &extras));
-    if (!params->bare) /* `check` reports all this itself */
+    if (!params->bare && scene->num_meshes > 0) /* `check` reports all this itself */
         report(scene);
     if (mesh)
         hint_at_up(scene, params);

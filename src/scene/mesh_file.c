@@ -163,7 +163,7 @@ static enum pell_result find_unit(const struct pell_import *import, const struct
     double extent = 0.0;
 
     *mm = scale->mm_per_unit > 0.0 ? scale->mm_per_unit : import->default_mm_per_unit;
-    if (scale->size_mm > 0.0) {
+    if (scale->size_mm > 0.0 && !(import->scene->total_triangles == 0 && import->scene->vanished)) {
         if (!pell_scene_bounds(import->scene, min, max))
             return pell_cancelled(import->ctx)
                        ? PELL_ERR_CANCELLED
@@ -317,6 +317,10 @@ enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from
         target->material += target->material >= 0 ? materials : 0;
     }
     to->animated |= from->animated;
+    if (!to->vanished) {
+        to->vanished = from->vanished;
+        from->vanished = NULL;
+    }
     to->total_vertices += from->total_vertices;
     to->total_triangles += from->total_triangles;
     from->total_vertices = from->total_triangles = 0;

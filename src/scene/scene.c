@@ -65,6 +65,7 @@ void pell_scene_destroy(struct pell_scene **scene)
         return;
     *scene = NULL;
     ctx = s->ctx;
+    pell_free(ctx, s->vanished);
     for (size_t i = 0; i < s->num_meshes; i++)
         pell_mesh_finish(ctx, &s->meshes[i]);
     for (size_t i = 0; i < s->num_materials; i++) {

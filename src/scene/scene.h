@@ -150,6 +150,9 @@ extern const struct pell_scene_keys pell_scene_keys[];
 
 PELL_NODISCARD enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_load_params *params,
                                                   const struct pell_extras *extras);
+/* Refuses a scene without surface or smaller than a wavelength. Where the parameters have a time in an animation, it becomes empty instead,
+ * with a warning. Bounds are set. */
+PELL_NODISCARD enum pell_result pell_scene_check_extent(struct pell_scene *scene, const struct pell_load_params *params);
 /* Checks lights and cameras, and makes their directions unit vectors. */
 PELL_NODISCARD enum pell_result pell_scene_check_view(struct pell_scene *scene);
 /* The same values of lights, which a program may change between frames; nothing is mended. */

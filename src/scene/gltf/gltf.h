@@ -129,6 +129,7 @@ struct gltf_track {
 struct gltf_skin {
     struct pell_mat4 *matrix; /* joint's world matrix x inverse bind matrix */
     uint32_t num_joints;
+    int32_t first_joint;  /* its node */
     bool ready, singular; /* singular: all matrices are */
 };
 

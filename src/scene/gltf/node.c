@@ -253,6 +253,32 @@ fail:
     return res;
 }
 
+/* A mesh is left out because nothing remains of it: names the topmost node to blame, of a skin above its first joint. */
+static enum pell_result leave_out(struct gltf *g, const struct pell_json *node, const struct gltf_skin *skin)
+{
+    const int32_t own = (int32_t) node->index;
+    int32_t at = skin ? skin->first_joint : own;
+    struct pell_json blamed;
+    char name[128];
+
+    if (gltf_has_area(&g->node[at].world)) /* the inverse matrices of a skin */
+        at = own;
+    else
+        while (g->node[at].parent >= 0 && !gltf_has_area(&g->node[g->node[at].parent].world))
+            at = g->node[at].parent;
+    blamed = pell_json_at(&g->nodes, (size_t) at);
+    if (!g->scene->vanished && !(g->scene->vanished = pell_strdup(g->ctx, gltf_name(&blamed, "node", name, sizeof(name)))))
+        return PELL_ERR_NOMEM;
+    if (!gltf_once(g, GLTF_ONCE_NO_AREA))
+        return PELL_OK;
+    if (at == own)
+        gltf_warn(g, GLTF_WARN_NODE, &blamed, NULL, "the node's scale is 0: its mesh is left out");
+    else
+        gltf_warn(g, GLTF_WARN_NODE, &blamed, NULL, "the node's scale is 0: the mesh of node %" PRId32 ", which moves with it, is left out",
+                  own);
+    return PELL_OK;
+}
+
 /* Reads the contents of one node. */
 static enum pell_result read_node(struct gltf *g, const struct pell_json *node, const struct pell_mat4 *world)
 {
@@ -281,8 +307,8 @@ static enum pell_result read_node(struct gltf *g, const struct pell_json *node, 
             PELL_TRY(place_instances(g, node, &instancing, mesh, name, world));
         else if (skin >= 0 ? !placement.skin->singular : gltf_has_area(world))
             PELL_TRY(gltf_place_mesh(g, mesh, name, &placement));
-        else if (gltf_once(g, GLTF_ONCE_NO_AREA))
-            gltf_warn(g, GLTF_WARN_NODE, node, NULL, "the node's scale, or that of one above it, is 0: its mesh is left out");
+        else
+            PELL_TRY(leave_out(g, node, placement.skin));
     }
     if (camera >= 0)
         PELL_TRY(add_camera(g, node, camera, world));

@@ -81,6 +81,8 @@ static enum pell_result read_skin(struct gltf *g, int64_t index, struct gltf_ski
         int64_t joint;
         PELL_TRY(pell_json_to_int(&joint_at, 0, (int64_t) pell_json_count(&g->nodes) - 1, &joint));
         PELL_TRY(gltf_node_world(g, joint, &world));
+        if (i == 0)
+            s->first_joint = (int32_t) joint;
         s->matrix[i] = mat4_mul(world, &s->matrix[i]);
         s->singular &= !gltf_has_area(&s->matrix[i]);
         for (int k = 0; k < 16; k++)
