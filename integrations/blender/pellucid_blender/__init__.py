@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import tempfile
+import traceback
 
 import bpy
 
@@ -14,8 +15,10 @@ bl_info = {'name': 'Pellucid', 'author': 'The Pellucid authors', 'version': (0, 
            'location': 'Properties > Render > Pellucid; Properties > Material > Pellucid',
            'description': 'Renders translucent objects by pellucid, and brings the result back as an image'}
 IMAGE = 'Pellucid'
-listed = {} # built-in materials and methods, and the program that they came from
+queries = {} # (program, kind): program.Names, which asks for the built-in materials or methods
 viewers = [] # (process, folder) of open viewers
+rendering = [] # the operator that renders, one at most
+PATIENCE = 0.5 # s, for names when they are asked for first: after that they are shown when they are there
 
 
 def wanted_program(context):
@@ -23,15 +26,26 @@ def wanted_program(context):
     return addon.preferences.program if addon else ''
 
 
+def said_of(fault):
+    """What a user reads about any failure. The whole of one that is not the user's is in the console."""
+    if isinstance(fault, Trouble):
+        return str(fault)
+    traceback.print_exception(type(fault), fault, fault.__traceback__)
+    return f'Pellucid failed: {type(fault).__name__}: {fault}'
+
+
 def names(kind, context, typed):
-    """Names, of materials or methods, that contain the typed text; the program is queried once."""
+    """Names, of materials or methods, that contain the typed text; the program is queried once, and never waited for."""
     try:
         path = program.find(wanted_program(context))
-        if listed.get(kind, ('', []))[0] != path:
-            listed[kind] = path, program.names(path, kind)
-    except (Trouble, OSError, subprocess.SubprocessError):
+    except Trouble:
         return [] # a render reports the reason
-    return [(name, title) for name, title in listed[kind][1] if typed.lower() in name]
+    query = queries.get((path, kind))
+    if query is None or (query.found is None and not query.is_alive()):
+        query = queries[path, kind] = program.Names(path, kind)
+        query.start()
+        query.join(PATIENCE)
+    return [(name, title) for name, title in query.found or [] if typed.lower() in name]
 
 
 def presets(_self, context, typed):
@@ -76,42 +90,61 @@ class RENDER_OT_pellucid(bpy.types.Operator):
     bl_idname = 'render.pellucid'
     bl_label = 'Render with Pellucid'
 
+    process = timer = None
+
     def begin(self, context):
         self.folder = tempfile.TemporaryDirectory(prefix='pellucid-')
         self.path = prepare(context, self.report, self.folder.name)
-        self.process = program.start(self.path, ['render', 'scene.json', '-o', 'picture.pfm'], self.folder.name, subprocess.DEVNULL)
-
-    def end(self, context):
-        for line in program.finish(self.process, self.folder.name):
-            self.report({'WARNING'}, line.partition(': ')[2])
+        self.runs = [['-o', 'picture.pfm']]
         if context.scene.render.film_transparent: # alpha needs no scattering, and PFM has none
-            plain = ['-m', 'none', '--bounces', '0', '--light-samples', '1']
-            covered = program.start(self.path, ['render', 'scene.json', *plain, '-o', 'alpha.png'], self.folder.name, subprocess.DEVNULL)
-            covered.wait()
-            program.finish(covered, self.folder.name)
+            self.runs.append(['-m', 'none', '--bounces', '0', '--light-samples', '1', '-o', 'alpha.png'])
+        self.start_next()
+
+    def start_next(self):
+        self.process = program.start(self.path, ['render', 'scene.json', *self.runs[0]], self.folder.name, subprocess.DEVNULL)
+
+    def step(self, context):
+        """A run has ended: the next begins, or the image is shown."""
+        warnings = program.finish(self.process, self.folder.name)
+        for line in warnings if self.runs[0][-1] == 'picture.pfm' else []:
+            self.report({'WARNING'}, line.partition(': ')[2])
+        del self.runs[0]
+        if self.runs:
+            self.start_next()
+            return
         image = picture.show(self.folder.name, IMAGE)
         self.report({'INFO'}, f'The result is in the image "{image.name}"')
 
     def attempt(self, step, context):
-        """Whether the run succeeded. Errors are reported, and the folder is removed."""
+        """Whether a step succeeded. Any failure is reported, and ends the render."""
         try:
             step(context)
             return True
-        except Trouble as fault:
-            self.report({'ERROR'}, str(fault))
-            self.folder.cleanup()
+        except Exception as fault: # pylint: disable=broad-except
+            self.report({'ERROR'}, said_of(fault))
+            self.leave(context)
             return False
 
+    def busy(self):
+        if rendering:
+            self.report({'ERROR'}, 'Pellucid renders already: wait for it, or press Esc in its window')
+            return True
+        rendering.append(self)
+        self.folder, self.runs = None, []
+        return False
+
     def execute(self, context):
+        if self.busy():
+            return {'CANCELLED'}
         done = self.attempt(self.begin, context)
-        if done:
+        while done and self.runs:
             self.process.wait()
-            done = self.attempt(self.end, context)
-        self.folder.cleanup()
+            done = self.attempt(self.step, context)
+        self.leave(context)
         return {'FINISHED'} if done else {'CANCELLED'}
 
     def invoke(self, context, _event):
-        if not self.attempt(self.begin, context):
+        if self.busy() or not self.attempt(self.begin, context):
             return {'CANCELLED'}
         self.timer = context.window_manager.event_timer_add(0.1, window=context.window)
         context.window_manager.modal_handler_add(self)
@@ -120,21 +153,59 @@ class RENDER_OT_pellucid(bpy.types.Operator):
 
     def modal(self, context, event):
         if event.type == 'ESC' and event.value == 'PRESS':
-            self.process.terminate()
-            self.process.wait()
             self.leave(context)
             self.report({'WARNING'}, 'Cancelled')
             return {'CANCELLED'}
         if event.type != 'TIMER' or self.process.poll() is None:
             return {'PASS_THROUGH'}
-        done = self.attempt(self.end, context)
+        if not self.attempt(self.step, context):
+            return {'CANCELLED'}
+        if self.runs:
+            return {'PASS_THROUGH'}
         self.leave(context)
-        return {'FINISHED'} if done else {'CANCELLED'}
+        return {'FINISHED'}
+
+    def cancel(self, context):
+        """Blender ends, or loads another file."""
+        self.leave(context)
 
     def leave(self, context):
-        context.window_manager.event_timer_remove(self.timer)
-        context.workspace.status_text_set(None)
-        self.folder.cleanup()
+        """Ends the program and the display, wherever the render is; twice is once."""
+        program.stop(self.process)
+        self.process = None
+        if self.timer:
+            context.window_manager.event_timer_remove(self.timer)
+            self.timer = None
+            if context.workspace: # none while Blender ends
+                context.workspace.status_text_set(None)
+        if self.folder:
+            self.folder.cleanup()
+            self.folder = None
+        if self in rendering:
+            rendering.remove(self)
+
+
+def complain(text):
+    """Shows a failure when no operator is there to report it."""
+    print(text)
+    context = bpy.context
+    if not bpy.app.background and context.window_manager:
+        context.window_manager.popup_menu(lambda menu, _context: menu.layout.label(text=text), title='Pellucid', icon='ERROR')
+
+
+def watch_viewers():
+    """A timer: forgets viewers that have ended, and says why where that is a failure. Seconds to the next time; None: no viewer is left."""
+    for entry in list(viewers):
+        process, folder = entry
+        if process.poll() is None:
+            continue
+        viewers.remove(entry)
+        try:
+            program.finish(process, folder.name)
+        except Exception as fault: # pylint: disable=broad-except
+            complain('The viewer has ended: ' + said_of(fault))
+        folder.cleanup()
+    return 1.0 if viewers else None
 
 
 class RENDER_OT_pellucid_view(bpy.types.Operator):
@@ -143,8 +214,9 @@ class RENDER_OT_pellucid_view(bpy.types.Operator):
     bl_label = 'Open in the viewer'
 
     def execute(self, context):
-        folder = tempfile.TemporaryDirectory(prefix='pellucid-')
+        folder = process = None
         try:
+            folder = tempfile.TemporaryDirectory(prefix='pellucid-')
             path = prepare(context, self.report, folder.name)
             process = program.start(path, ['view', 'scene.json', *(['--no-open'] if bpy.app.background else [])], folder.name,
                                     subprocess.DEVNULL)
@@ -153,11 +225,15 @@ class RENDER_OT_pellucid_view(bpy.types.Operator):
                 program.finish(process, folder.name)
             except subprocess.TimeoutExpired:
                 pass
-        except Trouble as fault:
-            self.report({'ERROR'}, str(fault))
-            folder.cleanup()
+        except Exception as fault: # pylint: disable=broad-except
+            self.report({'ERROR'}, said_of(fault))
+            program.stop(process)
+            if folder:
+                folder.cleanup()
             return {'CANCELLED'}
         viewers.append((process, folder))
+        if not bpy.app.timers.is_registered(watch_viewers):
+            bpy.app.timers.register(watch_viewers, first_interval=1.0)
         return {'FINISHED'}
 
 
@@ -203,9 +279,12 @@ def register():
 
 
 def unregister():
+    for operator in list(rendering):
+        operator.leave(bpy.context)
+    if bpy.app.timers.is_registered(watch_viewers):
+        bpy.app.timers.unregister(watch_viewers)
     for process, folder in viewers:
-        process.terminate()
-        process.wait()
+        program.stop(process)
         folder.cleanup()
     viewers.clear()
     del bpy.types.Material.pellucid, bpy.types.Scene.pellucid

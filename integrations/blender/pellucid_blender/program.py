@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+import threading
 
 
 class Trouble(Exception):
@@ -41,8 +42,21 @@ def finish(process, folder):
     if process.returncode:
         first = next((i for i, line in enumerate(said) if line.startswith('error')), 0)
         about = '; '.join(line.removeprefix('error: ') for line in said[first:][:4]) or 'it said nothing'
-        raise Trouble(f'pellucid ended with exit code {process.returncode}: {about}')
+        ended = f'with exit code {process.returncode}' if process.returncode > 0 else f'by signal {-process.returncode}'
+        raise Trouble(f'pellucid ended {ended}: {about}')
     return [line for line in said if line.startswith('warning')]
+
+
+def stop(process):
+    """Ends a process that still runs, by force if it does not end in two seconds; None: there is none."""
+    if process is None or process.poll() is not None:
+        return
+    process.terminate()
+    try:
+        process.wait(2)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def names(program, kind):
@@ -53,3 +67,17 @@ def names(program, kind):
     except (ValueError, KeyError, TypeError) as fault:
         raise Trouble(f'{program} does not list its {kind} by "{kind} --json" (exit code {done.returncode}): '
                       'is it another program, or too old?') from fault
+
+
+class Names(threading.Thread):
+    """Asks for names in the background: a field of a panel must not wait for a program. `found`: None until they are there."""
+
+    def __init__(self, program, kind):
+        super().__init__(daemon=True)
+        self.program, self.kind, self.found = program, kind, None
+
+    def run(self):
+        try:
+            self.found = names(self.program, self.kind)
+        except (Trouble, OSError, subprocess.SubprocessError):
+            pass # a render reports the reason; the next search asks again
