@@ -179,9 +179,10 @@ def _(folder):
     done = run(folder, *TRACE, '--samples', '100000', '--time-limit', '300ms', '-o', 'b.pfm')
     need(done.returncode == 0, 'without a checkpoint a time limit is an end as any', done.returncode)
     for number, code, threads in ((signal.SIGTERM, 75, '2'), (signal.SIGHUP, 75, '2'), (signal.SIGINT, 130, '1')):
+        # A job in the background or under nohup ignores some signals, and its children inherit that.
         child = subprocess.Popen([PROGRAM, *TRACE, '--samples', '100000000', '--checkpoint', 'c.ckpt', '-o', 'c.pfm', '--progress', 'json',
                                   '--threads', threads], cwd=folder, env=clean_environment(), stderr=subprocess.PIPE,
-                                 preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+                                 preexec_fn=lambda: signal.signal(number, signal.SIG_DFL))
         line, err = b'begin', b''
         while line and not line.startswith(b'{'):  # all pixels have samples by then
             line = child.stderr.readline()
