@@ -120,7 +120,7 @@ struct pell_setting {
 };
 
 /* Fills `values` (knobs_size bytes): first the defaults that `as` selects, at any position among the settings, then every other setting in
- * order. */
+ * order. `ctx` may be NULL: no messages. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method,
                                                                const struct pell_setting *settings, size_t num_settings, void *values);
 
@@ -135,7 +135,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_create(struct pell_co
 PELL_API void pell_method_knobs_destroy(struct pell_context *ctx, void **knobs);
 
 /* Change one knob, as pell_knob_set and pell_knob_set_number do; unchanged on failure. "as" is refused, because it selects the defaults of
- * all others at creation. */
+ * all others at creation. `ctx` may be NULL: no messages. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const struct pell_method *method, void *knobs,
                                                                     const char *name, const char *text);
 PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_number(struct pell_context *ctx, const struct pell_method *method,

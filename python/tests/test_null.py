@@ -13,6 +13,7 @@ from pellucid._pellucid import ffi, lib
 # What headers say may be NULL: an argument of a function, or, below, all of a type.
 ALLOWED = {
     ("pell_context_create_for", 1), ("pell_device_create", 1), ("pell_image_write", 2), ("pell_method_knobs_create", 2),
+    ("pell_method_configure", 0), ("pell_method_knobs_set_text", 0), ("pell_method_knobs_set_number", 0),
     ("pell_pass_create", 2), ("pell_renderer_set_method", 1), ("pell_renderer_set_method", 2),
     ("pell_renderer_set_scene", 1), ("pell_renderer_set_checkpoint", 1), ("pell_scene_add_camera", 1), ("pell_scene_add_light", 1),
     ("pell_scene_add_material", 1), ("pell_scene_add_mesh", 1), ("pell_scene_add_texture", 1), ("pell_slab_poles", 7),

@@ -90,7 +90,7 @@ static enum pell_result check_single(struct pell_context *ctx, const struct pell
 enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const struct pell_method *method, void *knobs, const char *name,
                                             const char *text)
 {
-    if (!ctx || !method || !knobs || !name || !text)
+    if (!method || !knobs || !name || !text)
         return pell_null(ctx, "pell_method_knobs_set_text");
 
     char owner[SHOWN];
@@ -102,7 +102,7 @@ enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const stru
 enum pell_result pell_method_knobs_set_number(struct pell_context *ctx, const struct pell_method *method, void *knobs, const char *name,
                                               double number)
 {
-    if (!ctx || !method || !knobs || !name)
+    if (!method || !knobs || !name)
         return pell_null(ctx, "pell_method_knobs_set_number");
 
     char owner[SHOWN];

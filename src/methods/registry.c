@@ -58,8 +58,11 @@ bool pell_method_runs_on_planes(const struct pell_method *method, const void *kn
 enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method, const struct pell_setting *settings,
                                        size_t num_settings, void *values)
 {
-    if (!ctx || !method || (!settings && num_settings) || (!values && method->knobs->type))
+    if (!method || (!settings && num_settings) || (!values && method->knobs->type))
         return pell_null(ctx, "pell_method_configure");
+    for (size_t i = 0; i < num_settings; i++)
+        if (!settings[i].name || !settings[i].value)
+            return pell_null(ctx, "pell_method_configure");
 
     char owner[SHOWN];
     enum pell_result res;
