@@ -437,7 +437,7 @@ static struct shot traced_middle(struct stage *s, const char *const *knobs)
 }
 
 /* A prism of skin1 whose edge is sharper than the spacing of samples, under uniform illumination: two faces that nearly meet contribute
- * to each other no more than a half-space returns. */
+ * to each other no more than a half-space returns. (path-trace has 4.2 times the middle's blue over red there: light passes the edge.) */
 static void sharp_edges_have_no_colour_of_their_own(void **state)
 {
     static const float corner[6][3] = { { -20, 0, 6 }, { 20, 0, 6 }, { -20, 0, -6 }, { 20, 0, -6 }, { -20, 20, 0 }, { 20, 20, 0 } };
@@ -472,7 +472,7 @@ static void sharp_edges_have_no_colour_of_their_own(void **state)
             if (shot_at(&shot, 0, x, y) > 0.0)
                 most = fmax(most, shot_at(&shot, 2, x, y) / shot_at(&shot, 0, x, y));
     print_message("# blue over red: %.3f, at the edge %.3f at most\n", middle, most);
-    REQUIRE(most < 2.6 * middle);
+    REQUIRE(most < 2.7 * middle);
     shot_free(&shot);
     stage_finish(&s);
 }
@@ -604,7 +604,8 @@ static void narrow_solids_are_as_bright_as_path_traced(void **state)
 
 /* A ball of 10 mm of skin or marble, and a slab, backlit. All visible light is transmitted: a half-space's profile is up to seven times
  * too dark for the ball of skin, and a slab's T along one chord up to three times too bright for that of marble. For red the radius is
- * four mean free paths of skin, outside the range of the curvature gain. */
+ * four mean free paths of skin, outside the range of the curvature gain. Smooth boundaries: without highlights, light enters others without
+ * loss, but not with path-trace. */
 static void solids_lit_from_behind_are_as_bright_as_path_traced(void **state)
 {
     static const char *const traced[] = { "samples=600", NULL };
@@ -627,6 +628,7 @@ static void solids_lit_from_behind_are_as_bright_as_path_traced(void **state)
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(100, 150, -900), vec3(0, 0, 0), 2.0f);
         stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, slab ? 40.0f : 8.0f); /* the middle of each */
         s.settings.layers = s.settings.angles = s.settings.curvature = true;
+        s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
         s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
         truth = traced_middle(&s, traced);
         s.settings.opposed = false;
@@ -642,11 +644,62 @@ static void solids_lit_from_behind_are_as_bright_as_path_traced(void **state)
                               : k == 0 ? "ball of skin1"
                                        : "ball of marble",
                               methods[i], c, before, now);
-                REQUIRE(fabs(now - 1.0) < (k == 0 ? i == 0 ? 0.42 : i == 3 ? 0.34 : 0.3 : slab ? 0.1 : 0.08));
+                REQUIRE(fabs(now - 1.0) < 0.06);
                 REQUIRE(slab || i == 3 || (k == 0 && c == 0) || fabs(now - 1.0) < 0.5 * fabs(before - 1.0));
             }
             shot_free(&off[i]);
             shot_free(&on);
+        }
+        shot_free(&truth);
+        stage_finish(&s);
+    }
+}
+
+/* Balls of twelve mean free paths, lit from the camera's side, from aside and from behind to one side. Light leaves a round solid farther
+ * around it than it enters, on the side that it comes from less than its exitance toward the camera: without that the lit side is up to
+ * 1.2 times too bright. Without internal reflection, and with it. */
+static void round_solids_are_as_bright_as_path_traced_from_all_sides(void **state)
+{
+    static const char *const traced[] = { "samples=256", NULL };
+    static const char *const methods[] = { "screen-space", "texture-space", "hierarchical" }, *const small_map[] = { "size=256", NULL };
+    static const struct {
+        float x, z;
+        double within;
+    } sides[] = { { 0, 900, 0.09 }, { 900, 0, 0.05 }, { 700, -700, 0.09 } };
+    (void) state;
+    RELEASE_ONLY();
+
+    for (size_t k = 0; k < 2 * PELL_COUNT(sides); k++) {
+        const double within = sides[k / 2].within;
+        struct shot truth, shot;
+        struct pell_material *m;
+        struct stage s;
+        size_t material;
+
+        stage_start(&s, SIZE, SIZE);
+        m = stage_medium(&s, "marble", &material);
+        for (int c = 0; c < 3; c++) {
+            m->medium.sigma_a[c] = c == 0 ? 0.16f : c == 1 ? 0.05f : 0.01f;
+            m->medium.sigma_s_reduced[c] = 1.0f - m->medium.sigma_a[c];
+        }
+        m->medium.eta = k % 2 ? 1.4f : 1.0f;
+        m->rho_s = m->roughness = 0.0f;
+        stage_ball(&s, material, 0, vec3(0, 0, 0), 6.0f, 64);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(sides[k / 2].x, 0, sides[k / 2].z), vec3(0, 0, 0), 2.0f);
+        stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, 13.0f);
+        s.settings.layers = s.settings.angles = s.settings.curvature = true;
+        s.settings.single_scattering = s.settings.opposed = s.settings.unscattered = true;
+        s.settings.profile = 0;
+        s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
+        truth = stage_shot_of(&s, "path-trace", traced);
+        for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+            shot = stage_shot_of(&s, methods[i], strcmp(methods[i], "texture-space") == 0 ? small_map : NULL);
+            for (size_t c = 0; c < 3; c++) {
+                const double ratio = mean_of(&shot, c) / mean_of(&truth, c);
+                print_message("# index %.1f, side %zu, %s, channel %zu: %.3f\n", k % 2 ? 1.4 : 1.0, k / 2, methods[i], c, ratio);
+                REQUIRE_REL(ratio, 1.0, within);
+            }
+            shot_free(&shot);
         }
         shot_free(&truth);
         stage_finish(&s);
@@ -769,6 +822,7 @@ int main(void)
         cmocka_unit_test(the_colour_of_a_surface_is_a_factor),
         cmocka_unit_test(narrow_solids_are_as_bright_as_path_traced),
         cmocka_unit_test(solids_lit_from_behind_are_as_bright_as_path_traced),
+        cmocka_unit_test(round_solids_are_as_bright_as_path_traced_from_all_sides),
         cmocka_unit_test(clear_solids_pass_light_forward),
         cmocka_unit_test(clear_sheets_are_bright_toward_the_light),
         cmocka_unit_test(every_failing_allocation_is_survived),

@@ -11,10 +11,13 @@
  *     phi/2 + Int (G/s + dG/dn) phi = Int exp(-t) G(x, y + t z w) q          q = L E/s, so that phi is the radiant exitance
  *
  * kappa is the transport exponent, w the mean direction of the light at y, and s = tanh(kappa b)/kappa puts the plane where the fluence
- * would vanish b above a flat surface. Over a ball that height is the same, so that s becomes s/(1 + s H), H the mean curvature. L makes a
- * slab transmit light of normal incidence as the diffusion model of opposed.h does: L cosh(kappa b) Int exp(-t) sinh(kappa (t z + b)) =
- * amount sinh(kappa (z + b)). A half-space returns L/(1 + s kappa) Int exp(-t (1 + kappa z m)), m = -n.w; the rest of the profile's total
- * is light scattered a few times, and leaves where it entered.
+ * would vanish b above a flat surface. Over a ball of mean curvature H it would vanish at the height of Milne's problem s' as well, which
+ * is s without internal reflection: s becomes s'/(1 + s' H) + s - s'. L makes a slab transmit light of normal incidence as the diffusion
+ * model of opposed.h does: L cosh(kappa b) Int exp(-t) sinh(kappa (t z + b)) = amount sinh(kappa (z + b)).
+ *
+ * A half-space returns L/(1 + s kappa) Int exp(-t (1 + kappa z m)), m = -n.w. The profile's total differs from that by light that is
+ * scattered once or a few times: it leaves where it entered, and curvature changes it as it does single scattering. Where single scattering
+ * is computed apart from the profile, phi contains it, and the difference is negative.
  *
  * The equation is solved (equation.c) at collocation points for equal areas, 0.4 diffusion lengths 1/kappa apart or a quarter of the
  * thickness, the same for all channels.
@@ -29,6 +32,7 @@
 #include "render/indirect/slope.h"
 
 #include "math/scalar.h"
+#include "shared/curvature.h"
 
 #include <string.h>
 
@@ -49,6 +53,9 @@ enum { SAMPLES_PER_TASK = 256, MIN_POINTS = 800, MAX_POINTS = 4096, POINTS_PER_T
 #define MAX_GAIN 3.0f         /* largest factor of the result of methods that integrate over the whole solid */
 #define THIN 2.0f             /* steps: thickness up to which a part is not solved, */
 #define THICK 4.0f            /* and from which it is */
+
+#define MIN_RISEN 0.5f /* limits of the distance of a source over a curved surface, */
+#define MAX_RISEN 1.5f /* relative to that over a flat one */
 
 #define PATHS_MIN 1.2f  /* mean free paths: thickness up to which light is scattered too rarely, */
 #define PATHS_FULL 2.8f /* and from which diffusion holds */
@@ -209,6 +216,15 @@ static void find_light(const struct solid *s, int c)
     equation_extend(&s->equation, single);
 }
 
+/* Distance of a source along the mean direction w, from that of its light along its own directions: those differ by the more, the shorter
+ * w is, so that light arrives beside the mean. There the surface is below the tangent plane if it is convex, and the source less deep. */
+static float along_mean(float distance, float curvature, float w2, float inward)
+{
+    const float aside2 = distance * distance * fmaxf(1.0f - w2, 0.0f), rise = 0.5f * curvature * aside2;
+
+    return inward > 0.0f ? fminf(fmaxf(distance - rise / inward, MIN_RISEN * distance), MAX_RISEN * distance) : distance;
+}
+
 /* Finds the mean light direction of each element and the depths of its sources along it, which are limited by the thickness. */
 static enum pell_result find_source_directions(struct solid *s)
 {
@@ -244,6 +260,7 @@ static enum pell_result find_source_directions(struct solid *s)
     }
     for (uint32_t i = 0; i < patches; i++) {
         const struct pell_vec3 normal = i < p->count ? p->point[i].normal : vec3_normalize(p->cluster[i - p->count].normal);
+        const float curvature = i < p->count ? p->point[i].curvature : p->cluster[i - p->count].curvature;
         const float scale = sum[i] > 0.0f ? 1.0f / sum[i] : 0.0f, thick = weight[i] > 0.0f ? thickness[i] / weight[i] : INFINITY;
         float inward;
         struct pell_vec3 w = vec3_mul(vec3(to->wx[i], to->wy[i], to->wz[i]), scale);
@@ -261,7 +278,8 @@ static enum pell_result find_source_directions(struct solid *s)
                 q->point_source[i] = (q->light[i] - q->single[i]) / (double) (1.0f + s->input->slope[c] * fmaxf(1.0f - inward, 0.0f));
             for (int k = 0; k < 2; k++) {
                 const float within = 1.0f - expf(-thick / fmaxf(q->depth * inward, 1e-6f));
-                q->source_depth[k][i] = -q->depth * logf(1.0f - (1.0f - expf(-q->path[k])) * within);
+                const float distance = -q->depth * logf(1.0f - (1.0f - expf(-q->path[k])) * within);
+                q->source_depth[k][i] = along_mean(distance, curvature, vec3_dot(w, w), inward);
             }
         }
     }
@@ -269,7 +287,8 @@ static enum pell_result find_source_directions(struct solid *s)
     return PELL_OK;
 }
 
-/* Adds the part of the profile that diffusion lacks, and single scattering: both leave where the light entered. */
+/* Adds the part of the profile that diffusion lacks, less what it has in excess, and the surplus of diffuse light for single scattering.
+ * All that leaves where the light entered. */
 static void add_local_part(const struct solid *s, float slope, struct equation_channel *q)
 {
     const struct collocation_points *p = &s->points;
@@ -281,8 +300,9 @@ static void add_local_part(const struct solid *s, float slope, struct equation_c
         const float diffuse = q->source_scale *
                               (q->path_weight[0] * expf(-q->path[0] * depth) + q->path_weight[1] * expf(-q->path[1] * depth)) /
                               (1.0f + q->kappa * q->s);
-        q->phi[i] += (double) (q->total - diffuse) * q->light[i] + (double) (diffuse * slope * (1.0f - inward)) * q->source[i] +
-                     (double) diffuse * q->single[i];
+        const float lacking = q->total * (1.0f + slope * (1.0f - inward)) - diffuse;
+        q->phi[i] += (double) pell_curvature_single(p->point[i].curvature * q->depth, 1.0f) *
+                     ((double) lacking * q->source[i] + (double) q->total * q->single[i]);
     }
 }
 

@@ -18,6 +18,7 @@ enum { CHUNK = 32, MAX_STEPS = 60 };
 #define MIN_OWN                                                                                                                            \
     0.5f                 /* least diagonal entry, as a fraction of the disc integral of the point's own area: for points next to a
                               * large one */
+#define MILNE 0.7104f    /* mean free paths beyond an open plane at which the fluence would vanish (Milne's problem) */
 #define TOLERANCE 1e-5   /* requested residual, relative to the right-hand side, */
 #define ACCEPTED 1e-4    /* and the residual that is accepted after MAX_STEPS */
 #define CLOSED_MAX 0.15f /* missing solid angle (of 1/2) up to which the surface is taken to be closed, */
@@ -100,6 +101,15 @@ static void find_chunk(void *arg, int chunk, int worker)
     }
 }
 
+/* The value of s over its value at a plane. Without reflection inside, the fluence vanishes at the same height above a ball as above a
+ * plane, so its slope at the surface is steeper. What internal reflection adds to s does not depend on the shape. */
+static float curvature_factor(const struct equation_channel *q, float curvature)
+{
+    const float open = fminf(q->s, MILNE * q->depth), bent = 1.0f / fminf(fmaxf(1.0f + open * curvature, 0.5f), 2.0f);
+
+    return 1.0f - (1.0f - bent) * open / q->s;
+}
+
 static void set_patch(const struct equation *e, uint32_t i, struct pell_vec3 at, struct pell_vec3 normal, float area, float curvature)
 {
     const struct equation_patches *p = &e->patches;
@@ -113,9 +123,8 @@ static void set_patch(const struct equation *e, uint32_t i, struct pell_vec3 at,
     p->area[i] = area;
     for (int c = 0; c < 3; c++) {
         const struct equation_channel *q = &e->channel[c];
-        /* A fluence that vanishes at the same height above a ball as above a plane has a steeper slope at its surface. */
         if (q->active)
-            q->curvature_factor[i] = 1.0f / fminf(fmaxf(1.0f + q->s * curvature, 0.5f), 2.0f);
+            q->curvature_factor[i] = curvature_factor(q, curvature);
     }
 }
 

@@ -318,11 +318,11 @@ PELL_NODISCARD enum pell_result indirect_opposite_make(struct pell_indirect *in,
 
 PELL_NODISCARD enum pell_result indirect_links_make(struct pell_indirect *in, struct pell_pool *pool);
 
-/* --- tilt.c: directional distribution of light from the depth ------------------------------------------------------------------------- */
+/* --- tilt.c: directional distribution of light that leaves a solid -------------------------------------------------------------------- */
 
-/* Finds the tilt at a value from the light in the depth at the samples around it. `along_surface`: [0, 1], fraction of the squared
- * gradient that is along the surface. */
+/* Finds the tilt at a value from the radiant exitance at the samples around it, and the fraction of it that comes from the depth.
+ * `along_surface`: [0, 1], fraction of the squared gradient that is along the surface. */
 void indirect_tilt(const struct pell_indirect *in, const struct indirect_near *near, const struct pell_opposed *opposed,
-                   const float (*light)[3], float tilt[3][3], float along_surface[3]);
+                   const float (*light)[3], const float deep[3], float tilt[3][3], float along_surface[3]);
 
 #endif

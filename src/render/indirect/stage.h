@@ -92,7 +92,7 @@ struct pell_indirect_inside {
                        * effect of curvature */
     float gain[3];    /* with `whole_solid`: factor of the method's result, times `solved`; */
     float light[3];   /* radiant exitance that is added, W/m^2, with albedo^m where light entered (with `whole_solid` times `solved`); */
-    float tilt[3][3]; /* of the light from the depth, see tilt.c; */
+    float tilt[3][3]; /* of the light that leaves, see tilt.c; */
     float deep[3];    /* [0, 1]: fraction that leaves as from thick parts; */
     union {
         float entered[3]; /* without `whole_solid`: irradiance, times albedo^m, that `light` accounts for */

@@ -557,7 +557,7 @@ static void blend_beam(const struct pell_indirect_beam *from, float weight, stru
     to->spacing += weight * from->spacing;
 }
 
-/* Sets the directional distribution of light from the depth, except for the part that depends on the medium alone. */
+/* Sets the directional distribution of light that leaves, except for the part that depends on the medium alone. */
 static void set_tilt(const struct transport *s, const struct indirect_near *near, struct pell_indirect_inside *to)
 {
     const struct pell_indirect_solid *solid = near->weight[0] > 0.0f ? &s->solid[s->in->samples[near->sample[0]].medium] : NULL;
@@ -568,12 +568,9 @@ static void set_tilt(const struct transport *s, const struct indirect_near *near
     for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++)
         for (int c = 0; c < 3; c++)
             light[k][c] = exitance_at(s, near->sample[k], c);
-    indirect_tilt(s->in, near, &solid->opposed, light, to->tilt, along_surface);
-    for (int c = 0; c < 3; c++) {
-        for (int k = 0; k < 3; k++)
-            to->tilt[c][k] *= to->deep[c]; /* the rest has the distribution of half-spaces */
+    indirect_tilt(s->in, near, &solid->opposed, light, to->deep, to->tilt, along_surface);
+    for (int c = 0; c < 3; c++)
         to->deep[c] *= 1.0f - along_surface[c];
-    }
 }
 
 static void interpolate(const struct transport *s)
