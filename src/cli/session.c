@@ -110,6 +110,15 @@ static void list_owners(size_t i, struct pell_text *text)
     pell_text_add(text, count > 1 ? " have one" : " has one");
 }
 
+/* Whether --set has set a knob: a scene file's option that maps to it is overridden. */
+static bool is_set(const struct cli *cli, const char *knob)
+{
+    for (size_t i = 0; i < cli->knobs.count; i++)
+        if (strcmp(cli->knobs.items[i].name, knob) == 0)
+            return true;
+    return false;
+}
+
 /* Sets the knobs that common options map to. */
 static enum exit_code apply_common(struct cli *cli, const struct pell_method *method, const struct settings_list *common, void *values)
 {
@@ -138,6 +147,8 @@ static enum exit_code apply_common(struct cli *cli, const struct pell_method *me
             return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, s->where, owners.str, "method %s has no %s", method->name,
                                               common_options[i].what));
         }
+        if (s->where[0] != '-' && is_set(cli, knob->name))
+            continue;
         if (strcmp(s->name, "time-limit") == 0)
             code = cli_parse_seconds(cli, s->where, s->value, &value);
         else if (strcmp(s->name, "target-error") == 0)

@@ -300,6 +300,15 @@ def _(folder):
             need(done.returncode == 3 and word in text(done.stderr) and not (folder / 'wrong.png').exists(), command, entry, done)
 
 
+@test('--set overrides an option of the scene file that stands for the same knob')
+def _(folder):
+    scene = {'pellucid': 1, 'mesh': 'bunny.obj', 'size': '70mm', 'render': {'method': 'path-trace', 'samples': 3}}
+    (folder / 'traced.json').write_text(json.dumps(scene))
+    for name, *more in (('set.pfm', '--set', 'samples=1'), ('option.pfm', '--samples', '1'), ('file.pfm',)):
+        works(folder, 'render', 'traced.json', *SMALL, *more, '-o', name)
+    need((folder / 'set.pfm').read_bytes() == (folder / 'option.pfm').read_bytes() != (folder / 'file.pfm').read_bytes())
+
+
 @test('check reports the size once')
 def _(folder):
     done = works(folder, 'check', 'bunny.obj', '--size', '70mm', '--material', 'marble')
