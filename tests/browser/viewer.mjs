@@ -468,6 +468,14 @@ test('a link that is pasted into an open page shows its view there', async () =>
   need(differ(plain, await look(third)) === 0, 'undo');
   await paste(`${address}#view=damaged!`);
   need((await complaints(third)).length === 0 && differ(plain, await look(third)) === 0, 'a damaged link changes the view');
+  const wrong = [5, [], { camera: 5 }, { camera: { from: [0, 0, 9] } }, { lights: [{ type: 'point' }] }, { lights: {} }, { knobs: null }];
+  wrong.push({ method: 7 }, { other: {} }, { materials: [1] }, { time: 'late' }, { wipe: null }, { settings: { width: {} } });
+  for (const view of wrong) {
+    const before = faults.length;
+    const fourth = await open(1440, 'light', `${address}#view=${Buffer.from(JSON.stringify(view)).toString('base64url')}`);
+    need(faults.length === before && differ(plain, await look(fourth)) === 0, view, faults);
+    await fourth.context().close();
+  }
   await third.context().close();
   await other.context().close();
 });

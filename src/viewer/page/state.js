@@ -82,13 +82,38 @@ function writeAddress() {
     window.history.replaceState(null, '', location.pathname + location.search + hash);
 }
 
+// The shapes that the page relies on, in a link that anybody may have written. The program checks the values.
+const isObject = (x) => typeof x === 'object' && x !== null && !Array.isArray(x);
+const isText = (x) => typeof x === 'string';
+const isPoint = (x) => Array.isArray(x) && x.length === 3;
+const isOptions = (x) => isObject(x) && Object.values(x).every((value) => typeof value !== 'object');
+const isPlaced = (light) => light.type === 'environment' || isPoint(light.type === 'directional' ? light.direction : light.at);
+const shapes = {
+    method: isText,
+    knobs: isOptions,
+    settings: isOptions,
+    camera: (x) => isObject(x) && [x.from, x.to, x.up].every(isPoint),
+    lights: (x) => Array.isArray(x) && x.every((light) => isObject(light) && isText(light.type) && isPlaced(light)),
+    materials: (x) => isObject(x) && Object.values(x).every(isObject),
+    time: Number.isFinite,
+    other: (x) => isObject(x) && isText(x.method) && isOptions(x.knobs),
+    truth: isText,
+    mode: isText,
+    wipe: Number.isFinite,
+};
+const fits = (key, value) => (value === null && base[key] === null) || shapes[key](value);
+
 // The initial state, overridden by the address; null: the address holds no view that can be read.
 function addressed() {
     const out = structuredClone(base);
     const found = /^#view=([\w=-]+)$/.exec(location.hash);
     try {
         const saved = found ? JSON.parse(decode(found[1])) : {};
-        for (const key of Object.keys(base)) if (Object.hasOwn(saved, key)) out[key] = saved[key];
+        for (const key of Object.keys(shapes)) {
+            if (!Object.hasOwn(saved, key)) continue;
+            if (!fits(key, saved[key])) throw new TypeError(key);
+            out[key] = saved[key];
+        }
     } catch {
         console.info('the address holds no view');
         return null;
